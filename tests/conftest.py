@@ -330,7 +330,7 @@ def _assert_conforms(color, expected, field, vertices, origins, directions, back
     float32 rounds: then the reference itself changes as much within a few roundings, of the
     vertices, or of t, and so of where pieces lie from the entry on.
     """
-    from deformrf.core.render import reference
+    from deformrf.core.definition.image import render_rays
 
     assert np.isfinite(color).all()
     difference = 255.0 * np.abs(color - expected)
@@ -343,10 +343,8 @@ def _assert_conforms(color, expected, field, vertices, origins, directions, back
     for _ in range(32):
         near = vertices + rng.normal(size=vertices.shape) * 5e-7
         step = field.options.march_step * (1.0 + 5e-5 * rng.normal())
-        shifted = replace(field, options=replace(field.options, march_step=step))
-        moved, _, _ = reference.render_rays(
-            shifted, near, origins[off], directions[off], background
-        )
+        shifted = replace(field.definition, piece_length=step)
+        moved, _, _ = render_rays(shifted, near, origins[off], directions[off], background)
         spread = np.maximum(spread, 255.0 * np.abs(moved - expected[off]).max(axis=1))
     unexplained = difference[off].max(axis=1) > spread + 2.0
     assert unexplained.sum() <= UNEXPLAINED * len(color), (off, difference[off].max(axis=1), spread)

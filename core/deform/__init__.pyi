@@ -29,12 +29,10 @@ from .constraints import (
     COMPLIANCE_FLOOR as COMPLIANCE_FLOOR,
     SECOND_SOFTENING as SECOND_SOFTENING,
     SOFTENED_BELOW as SOFTENED_BELOW,
-    STEP_LIMIT as STEP_LIMIT,
     SWEEP_SOFTENING as SWEEP_SOFTENING,
     edge_constraints as edge_constraints,
     lumped_masses as lumped_masses,
     volume_constraints as volume_constraints,
-    volume_gradients as volume_gradients,
 )
 from .inversion import EACH_HOLDS as EACH_HOLDS
 from .rescue import distortion as distortion

@@ -69,7 +69,9 @@ class ContactArrays:
     shares: wp.array(dtype=float)  # [N]
     spans: wp.array2d(dtype=float)  # [N, 9] b − a, c − a, point − a at the frame's start
     bevels: wp.array2d(dtype=float)  # [N, 9] and rims and tops (contact/surface.py)
-    limits: wp.array(dtype=float)  # [2] a depth [m] and a speed [m/s], see contact/reference.py
+    limits: wp.array(
+        dtype=float
+    )  # [2] a depth [m] and a speed [m/s], see core/definition/contact.py
     offsets: wp.array(dtype=int)  # [V + 1] vertex i is in the entries offsets[i]:offsets[i + 1]
     entries: wp.array(dtype=int)  # [5 N] 8 × contact + place among its vertices, rising
     touched: wp.array(dtype=int)  # [V] the vertices in contacts

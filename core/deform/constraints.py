@@ -28,27 +28,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..definition.solver import (
+    COMPLIANCE_FLOOR,
+    SECOND_SOFTENING,
+    SWEEP_SOFTENING,
+    volume_gradients,
+)
 from ..geometry import EDGES, color_order, signed_volumes
 from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
 from .locking import volume_shares
 
-COMPLIANCE_FLOOR = 0.05  # r_min
-# What a sweep over all constraints adds to the compliance of each: of w̄ h², and of w̄² h⁴ / α.
-SWEEP_SOFTENING = 0.5
-SECOND_SOFTENING = 0.07
 SOFTENED_BELOW = 0.66  # r of a constraint at its floor: 0.05 = r − 0.5 − 0.07 / r
-STEP_LIMIT = 0.5
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 # A vertex that begins a substep below the ground, because it was held there or the ground came up,
 # leaves it no faster, and without keeping that speed [m/s].
 LEAVING_SPEED = 0.05
 PRESS_SHARE = 1.0 / 16.0  # of a substep in the mean of a vertex's pushes, which bounds friction
-COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 NO_SPRING = -1.0  # in place of a, which is never negative
 CONTACT_LOAD_UNIT = 2**20  # in place of 1 where weights are added up as integers
-CONTACT_SHARE_OUT = 0.4  # of the depth by which a point moves out of a body in a substep
-CONTACT_SLACK = 1e-4  # barycentric: a point so far beside a triangle is still behind it
 UNLIMITED = 3e38  # a longest move that no spring reaches
 
 
@@ -162,14 +160,6 @@ def volume_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> VolumeCon
     return VolumeConstraints(
         tets.astype(np.int32), volumes, (gradients**2).sum(-1), offsets, classes, shares
     )
-
-
-def volume_gradients(vertices: np.ndarray, tets: np.ndarray) -> np.ndarray:
-    """∂(6V)/∂x_i.  [T, 4, 3]"""
-    origin, *others = (vertices[tets[:, i]] for i in range(4))
-    a, b, c = (corner - origin for corner in others)
-    outer = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    return np.concatenate([-outer.sum(axis=1, keepdims=True), outer], axis=1)
 
 
 def lumped_masses(rest_vertices: np.ndarray, tets: np.ndarray, density: float) -> np.ndarray:

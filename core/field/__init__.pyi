@@ -40,15 +40,13 @@ from .grid import (
     surroundings_widths as surroundings_widths,
 )
 from .layout import FEATURES as FEATURES, node_table as node_table
-from .networks.reference import (
+from .networks.basis import (
     BASIS_COUNT as BASIS_COUNT,
     CONSTANT_BASIS as CONSTANT_BASIS,
-    GEOMETRY_FEATURES as GEOMETRY_FEATURES,
     basis_of as basis_of,
     basis_vector as basis_vector,
-    sigma_from as sigma_from,
-    spherical_harmonics as spherical_harmonics,
 )
+from .networks.shapes import GEOMETRY_FEATURES as GEOMETRY_FEATURES
 from .networks.cpu import (
     LAYERS_H as LAYERS_H,
     NATIVE_VALUES as NATIVE_VALUES,
@@ -73,7 +71,6 @@ from .networks.mma import networks_kernel as networks_kernel
 from .occupancy import (
     SUBTET_COUNT as SUBTET_COUNT,
     is_occupied as is_occupied,
-    is_occupied_reference as is_occupied_reference,
     occupied_share as occupied_share,
     pack_mask as pack_mask,
     subtet_ahead as subtet_ahead,

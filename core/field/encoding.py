@@ -1,9 +1,4 @@
-"""The recursive tetrahedral encoding: features of a point from its coarse tet.
-
-At each level, the descendant that contains the point has a feature vector at each of its four
-corners.  The encoding interpolates these with the point's barycentric coordinates there, and
-concatenates the results of all levels (DeformRF, section 3.2, Eq. 4).  It reads only the *rest*
-addresses of the coarse corners, so a deformation does not change it.
+"""The recursive tetrahedral encoding on devices; core/definition/encoding.py defines it.
 
 Shapes: N samples, L levels, F = 4 features per entry, T tets.  `table` contains the levels
 one after another, [sum of entry counts, F]; layout.py gives their offsets.
@@ -16,47 +11,14 @@ import numpy as np
 import warp as wp
 
 from ..base.wide import load_wide_half, vec4h
-from ..geometry import (
-    CHILD_VERTICES,
-    TetMesh,
-    along,
-    descend,
-    lattice_axes,
-    lattice_cell,
-    lattice_point,
-    lattice_weights,
-    path_nodes,
-)
-from .layout import Layout, hash_address, hash_products, products_entry
+from ..geometry import TetMesh, along, lattice_axes, lattice_cell, lattice_point, lattice_weights
+from .layout import Layout, hash_products, products_entry
 
 mat43ui = wp.types.matrix((4, 3), wp.uint32)
 ENCODING_H = Path(__file__).parent / "encoding.h"  # the same for vectors of a CPU
 PREFETCH_SAMPLES = wp.constant(8)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
-
-def encode_reference(mesh: TetMesh, layout: Layout, table, tet, bary, level_count=None):
-    """The definition, in NumPy and in the table's precision: features [N, L·F] of samples."""
-    corners = mesh.addresses[mesh.tets[tet]].astype(np.int64)  # [N, 4, 3]
-    path = np.zeros(len(tet), np.int64)
-    alpha = bary
-    features = []
-    for level in range(level_count or layout.level_count):
-        if level > 0:
-            k, alpha = descend(alpha)
-            path = 8 * path + k
-            rows = np.arange(len(tet))[:, None]
-            a, b = CHILD_VERTICES[k, :, 0], CHILD_VERTICES[k, :, 1]
-            corners = corners[rows, a] + corners[rows, b]
-        if level < layout.dense_level_count:
-            local = path_nodes(level)[1][path]  # [N, 4]
-            entry = layout.node_ids[level][tet[:, None], local]
-        else:
-            entry = hash_address(corners, layout.entry_counts[level])
-        values = table[layout.offsets[level] + entry]  # [N, 4, F]
-        features.append(np.einsum("nc,ncf->nf", alpha, values))
-    return np.concatenate(features, axis=1)
 
 
 @wp.struct
@@ -257,7 +219,7 @@ def encode_kernel(
     level_count: int,
     features: wp.array2d(dtype=Any),  # [N, L] out, vec4 or vec4h
 ):
-    """`encode_reference`; sums are float32 whatever the table is."""
+    """`encode` of core/definition; sums are float32 whatever the table is."""
     n = wp.tid()
     if on_cpu():
         ahead = wp.min(n + PREFETCH_SAMPLES, sample_tet.shape[0] - 1)

@@ -6,24 +6,18 @@ contains only the rest shape; the renderer has the current vertices.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
 
+from ..definition import networks as definition
 from ..geometry import TetMesh
-from .encoding import encode_reference
 from .grid import Surroundings
-from .layout import FEATURES, Layout, make_layout
-from .networks.reference import (
-    BASIS_COUNT,
-    GEOMETRY_FEATURES,
-    Layers,
-    mlp,
-    sigma_from,
-    sigmoid,
-    spherical_harmonics,
-)
+from .layout import FEATURES, Layout, encoding_of, make_layout
+from .networks.basis import BASIS_COUNT
+from .networks.shapes import GEOMETRY_FEATURES, Layers
 
 
 @dataclass(frozen=True)
@@ -67,25 +61,19 @@ class TetField:
         assert self.occupancy.shape == (self.mesh.tet_count,), self.occupancy.shape
         assert self.table.shape == (self.layout.offsets[-1], FEATURES), self.table.shape
 
-    def evaluate(
-        self, tet: np.ndarray, bary: np.ndarray, directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Density [N] per unit of rest length and color [N, 3] in float64: the reference.
-
-        Directions are unit vectors, turned back to rest.
-        """
-        h = self.geometry(tet, bary)
-        return sigma_from(h), self.colors(h, spherical_harmonics(directions))
-
-    def geometry(self, tet: np.ndarray, bary: np.ndarray) -> np.ndarray:
-        """What the density network gives, in float64; `sigma_from` it is the density.  [N, 16]"""
-        table = self.table.astype(np.float64)
-        features = encode_reference(self.mesh, self.layout, table, tet, bary)
-        return mlp(features, _double(self.density_layers))
-
-    def colors(self, h: np.ndarray, basis: np.ndarray) -> np.ndarray:
-        """What the color network gives, in float64.  [N, 16], [N, 16] -> [N, 3]"""
-        return sigmoid(mlp(np.concatenate([h, basis], axis=1), _double(self.color_layers)))
+    @cached_property
+    def definition(self) -> definition.Field:
+        """The same for core/definition, in float64."""
+        return definition.Field(
+            rest_vertices=self.mesh.rest_vertices,
+            tets=self.mesh.tets,
+            masks=self.occupancy,
+            encoding=encoding_of(self.mesh, self.layout, self.table.astype(np.float64)),
+            density_layers=_double(self.density_layers),
+            color_layers=_double(self.color_layers),
+            piece_length=self.options.march_step,
+            color_per_ray=self.options.deferred,
+        )
 
 
 def _double(layers: Layers) -> Layers:

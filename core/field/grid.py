@@ -19,8 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from .layout import hash_address, hash_entry
-from .networks.reference import BASIS_COUNT, GEOMETRY_FEATURES, Layers
+from ..definition.encoding import hash_address
+from .layout import hash_entry
+from .networks.basis import BASIS_COUNT
+from .networks.shapes import GEOMETRY_FEATURES, Layers
 
 RESOLUTIONS = (16, 28, 49, 84, 147, 256, 446, 776)  # cells across the contracted cube
 GRID_LEVELS = len(RESOLUTIONS)

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from ..definition.encoding import FEATURES as FEATURES
+from ..definition.encoding import PRIMES, Encoding
 from ..geometry import TetMesh, path_nodes
 
-FEATURES = 4  # per entry: one 16-byte load in float32, 8 bytes in half precision
 MOST_ENTRIES = 2**27  # 2 GiB in float32; a full-size model has about 2^21
-PRIMES = (1, 2654435761, 805459861)
 _PRIME_Y, _PRIME_Z = (wp.constant(wp.uint32(prime)) for prime in PRIMES[1:])
 MAX_DENSE_LEVELS = 4  # beyond, the id table would outweigh the features
 
@@ -84,6 +84,17 @@ def make_layout(mesh: TetMesh, level_count: int, table_size: int, dense_levels=T
     return Layout(tuple(entry_counts), dense, tuple(node_ids))
 
 
+def encoding_of(mesh: TetMesh, layout: Layout, table: np.ndarray) -> Encoding:
+    """The same for core/definition, in the table's precision.  [entries, F]"""
+    return Encoding(
+        corner_addresses=mesh.addresses[mesh.tets].astype(np.int64),
+        tables=tuple(np.split(table, layout.offsets[1:-1])),
+        dense_entries=tuple(
+            ids[:, path_nodes(level)[1]] for level, ids in enumerate(layout.node_ids)
+        ),
+    )
+
+
 def node_table(layout: Layout, table: np.ndarray) -> np.ndarray:
     """The dense levels' entries for each node of each tet, in the order of `Tables.node_ids`.
 
@@ -101,16 +112,6 @@ def hash_products(addresses):
     [..., 3] int -> [..., 3] uint32
     """
     return np.asarray(addresses).astype(np.uint32) * np.array(PRIMES, np.uint32)
-
-
-def hash_address(addresses, entry_count: int):
-    """Entry of each address in a table.  [..., 3] int -> [...] int64
-
-    `entry_count` is a power of two.
-    """
-    product = hash_products(addresses)
-    hashed = product[..., 0] ^ product[..., 1] ^ product[..., 2]
-    return (hashed & np.uint32(entry_count - 1)).astype(np.int64)
 
 
 @wp.func

@@ -9,7 +9,8 @@ Shapes: T tets, N samples.
 import numpy as np
 import warp as wp
 
-from ..geometry import TetMesh, child_of, child_path, into_child, path_corners
+from ..definition.subdivision import child_path
+from ..geometry import TetMesh, child_of, into_child, path_corners
 
 LEVELS = 2
 SUBTET_COUNT = 64  # 8^LEVELS
@@ -40,12 +41,6 @@ def unpack_mask(mask: np.ndarray) -> np.ndarray:
 def occupied_share(mask: np.ndarray) -> float:
     """Share of the sub-tets that may hold density."""
     return float(np.bitwise_count(mask).mean() / SUBTET_COUNT)
-
-
-def is_occupied_reference(mask: np.ndarray, tet: np.ndarray, bary: np.ndarray) -> np.ndarray:
-    """Whether each sample lies in an occupied sub-tet.  [N] bool"""
-    path = subtets_of(bary).astype(np.uint64)
-    return ((mask[tet] >> path) & np.uint64(1)) > 0
 
 
 def subtets_of(bary: np.ndarray) -> np.ndarray:

@@ -16,8 +16,9 @@ Shapes: T tets, S cells (distinct level-l' descendants, l' = min(l, 2)).
 import numpy as np
 import warp as wp
 
+from ..definition.encoding import hash_address
 from ..geometry import TetMesh, path_corners, path_nodes
-from .layout import Layout, hash_address, hash_entry
+from .layout import Layout, hash_entry
 from .occupancy import LEVELS, unpack_mask
 
 NODES_PER_LAUNCH = 1 << 22  # between checks whether all entries of the level are reached

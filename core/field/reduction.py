@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..definition.encoding import hash_address
 from ..geometry import extract, face_components, path_nodes, tet_neighbours
 from .field import TetField
-from .layout import FEATURES, hash_address, make_layout
+from .layout import FEATURES, make_layout
 from .occupancy import pack_mask, subtet_middles, unpack_mask
 from .packing import reduced_rig
 

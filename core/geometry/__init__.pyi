@@ -28,11 +28,8 @@ from .coloring import color_order as color_order, lattice_addresses as lattice_a
 
 # For the field: subdivision in NumPy, and the functions of its kernels.
 from .subdivision import (
-    CHILD_VERTICES as CHILD_VERTICES,
     along as along,
     child_of as child_of,
-    child_path as child_path,
-    descend as descend,
     into_child as into_child,
     lattice_axes as lattice_axes,
     lattice_cell as lattice_cell,

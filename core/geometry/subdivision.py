@@ -1,17 +1,4 @@
-"""Recursive subdivision of one tetrahedron, in barycentric coordinates.
-
-The midpoints of its six edges split a tet into eight children: four at the corners
-(0-3) and four around the inner diagonal m02-m13 (4-7).  With Bey's order of the corners, all
-descendants have at most three shapes (J. Bey, "Tetrahedral grid refinement",
-1995).  No level is stored: a point with barycentric coordinates alpha moves from level l
-to level l + 1 by
-
-    alpha' = C[k] @ alpha,        k = child(alpha)          (DeformRF, section 3.2)
-
-A child's corner is the midpoint of corners a and b (or a = b).  Its integer address is the sum of
-their addresses.  So addresses double from level to level, and stay exact.
-
-A child's path after l levels is p = 8·p' + k, with its parent's path p'; path 0 is the coarse tet.
+"""Recursive subdivision of one tetrahedron on devices; core/definition/subdivision.py defines it.
 
 A point's descendant at level l can also be found without the levels between.  In lattice
 coordinates
@@ -34,40 +21,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-# The two corners whose midpoint is a child's vertex; (i, i) is the corner i itself.
-CHILD_VERTICES = np.array(
-    [
-        [(0, 0), (0, 1), (0, 2), (0, 3)],
-        [(0, 1), (1, 1), (1, 2), (1, 3)],
-        [(0, 2), (1, 2), (2, 2), (2, 3)],
-        [(0, 3), (1, 3), (2, 3), (3, 3)],
-        [(0, 1), (0, 2), (0, 3), (1, 3)],
-        [(0, 1), (0, 2), (1, 2), (1, 3)],
-        [(0, 2), (0, 3), (1, 3), (2, 3)],
-        [(0, 2), (1, 2), (1, 3), (2, 3)],
-    ]
-)  # [8, 4, 2]
-
-# Column j of PARENT_FROM_CHILD[k] is vertex j of child k, in the parent's coordinates.
-PARENT_FROM_CHILD = np.eye(4)[CHILD_VERTICES].mean(axis=2).swapaxes(1, 2)  # [8, 4, 4]
-CHILD_FROM_PARENT = np.linalg.inv(PARENT_FROM_CHILD)  # [8, 4, 4], the paper's C
-
-
-def descend(alpha: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The child k in 0..7 that holds each point [N], and the point's coordinates in it [N, 4]."""
-    corner = alpha.argmax(axis=-1)
-    inner = 4 + 1 * (alpha[:, 1] + alpha[:, 2] >= 0.5) + 2 * (alpha[:, 2] + alpha[:, 3] >= 0.5)
-    k = np.where(alpha.max(axis=-1) >= 0.5, corner, inner)
-    return k, np.einsum("nij,nj->ni", CHILD_FROM_PARENT[k], alpha)
-
-
-def child_path(alpha: np.ndarray, levels: int) -> np.ndarray:
-    """The path p in 0..8^levels - 1 of the descendant that holds each point.  [N]"""
-    path = np.zeros(len(alpha), np.int64)
-    for _ in range(levels):
-        k, alpha = descend(alpha)
-        path = 8 * path + k
-    return path
+from ..definition.subdivision import CHILD_VERTICES
 
 
 @cache

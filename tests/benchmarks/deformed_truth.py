@@ -30,9 +30,9 @@ from PIL import Image
 from views import subset
 
 from deformrf.core.base.device import start_warp
+from deformrf.core.definition.deformation import deformation
 from deformrf.core.field import GEOMETRY_FEATURES, basis_of, basis_vector, modelfile
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
-from deformrf.core.render.rays.pose import tet_frames_reference
 from deformrf.core.render.rounds.compositing import ray_sums
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr, ssim
@@ -140,7 +140,7 @@ class WayRenderer(Renderer):
     def set_vertices(self, vertices):
         super().set_vertices(vertices)
         mesh = self.part.mesh
-        _, inverses, _, _ = tet_frames_reference(mesh.rest_vertices, vertices, mesh.tets)
+        inverses = deformation(mesh.rest_vertices, vertices, mesh.tets).inverse_f
         still = np.tile(np.eye(3), (mesh.tet_count, 1, 1))
         self._rest_from_current, self._still = (
             wp.array(turns.astype(np.float32), dtype=wp.mat33, device=self.device)

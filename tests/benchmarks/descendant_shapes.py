@@ -9,7 +9,8 @@ import argparse
 
 import numpy as np
 
-from deformrf.core.geometry import A15, CHILD_VERTICES, EDGES, cell_tets
+from deformrf.core.definition.subdivision import CHILD_VERTICES
+from deformrf.core.geometry import A15, EDGES, cell_tets
 from deformrf.core.geometry.mesh import FACES
 
 PUBLISHED_CHILD_VERTICES = np.array(

@@ -19,7 +19,8 @@ import numpy as np
 from folds import ball
 
 from deformrf.core.base.device import start_warp
-from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at, reference
+from deformrf.core.definition.image import render_rays
+from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
 from deformrf.core.render.rays.approach import ASIDE
 from deformrf.core.render.rays.camera import Camera, camera_rays
 from deformrf.core.render.rays.lens import pinhole
@@ -38,7 +39,7 @@ def defined(field, vertices, origins, directions):
     for first in range(0, len(origins), AT_ONCE):
         part = slice(first, first + AT_ONCE)
         parts.append(
-            reference.render_rays(field, vertices, origins[part], directions[part], WHITE)[0]
+            render_rays(field.definition, vertices, origins[part], directions[part], WHITE)[0]
         )
     return 255.0 * np.concatenate(parts)
 

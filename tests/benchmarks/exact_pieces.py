@@ -17,8 +17,9 @@ import numpy as np
 import warp as wp
 
 from deformrf.core.base.device import start_warp
+from deformrf.core.definition.image import ray_pieces
 from deformrf.core.field import modelfile
-from deformrf.core.render import Renderer, RenderOptions, camera_rays, reference
+from deformrf.core.render import Renderer, RenderOptions, camera_rays
 from deformrf.core.render.rays.entries import Entries
 from deformrf.core.render.rays.marching import MIDDLE, empty_rays, empty_samples, march_kernel
 from deformrf.wings.lab.rendering.pictures import views
@@ -71,7 +72,7 @@ def compare_samples(field, device, ray_count):
     origins, directions = (np.concatenate(a).astype(np.float32) for a in zip(*lines, strict=True))
     tets, t = marched(renderer, origins, directions)
     lines = vertices.astype(float), origins.astype(float), directions.astype(float)
-    ray, expected_tets, _, t_in, t_out, *_ = reference.ray_pieces(field, *lines)
+    ray, expected_tets, _, t_in, t_out, *_ = ray_pieces(field.definition, *lines)
     first = np.searchsorted(ray, np.arange(len(origins) + 1))
     reach, different = NEAR * field.options.march_step, 0
     for number in range(len(origins)):

@@ -25,8 +25,8 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import LinearOperator, cg
 
+from deformrf.core.definition.subdivision import CHILD_VERTICES
 from deformrf.core.geometry import EDGES, signed_volumes
-from deformrf.core.geometry.subdivision import CHILD_VERTICES
 
 CHUNK = 4096  # tets whose matrices are made at once
 # Quadrature that is exact for quadratic functions: four points of equal weight.

@@ -19,9 +19,9 @@ import math
 import numpy as np
 import warp as wp
 
+from deformrf.core.definition.solver import STEP_LIMIT
 from deformrf.core.deform import (
     SECOND_SOFTENING,
-    STEP_LIMIT,
     SWEEP_SOFTENING,
     edge_constraints,
     lumped_masses,

@@ -12,10 +12,10 @@ Shapes: V vertices.
 """
 
 import numpy as np
+import solver_frame
 import warp as wp
 
 from deformrf.core.deform import TIME_STEP, edge_constraints, lumped_masses, volume_constraints
-from deformrf.core.deform.frame import reference
 
 
 class PlainSolver:
@@ -43,7 +43,7 @@ class PlainSolver:
         """α of edges [m/N] and of volumes [m⁵/N], each a number or one a constraint."""
         w, h = self._inverse_masses, self._timing.substep
         has_volumes = volumes is not None
-        self._frame = reference.Frame(
+        self._frame = solver_frame.Frame(
             timing=self._timing,
             substep_count=1,
             inverse_masses=w,
@@ -63,7 +63,7 @@ class PlainSolver:
         x, v = self._positions, self._velocities
         for _ in range(self._substep_count):
             before = x
-            x, _ = reference.step(self._frame, x, v)
+            x, _ = solver_frame.step(self._frame, x, v)
             x = x.astype(np.float32).astype(np.float64)
             v = (x - before) / self._timing.substep
         self._positions, self._velocities = x, v

@@ -27,6 +27,7 @@ import warp as wp
 
 from deformrf.core.base import paths
 from deformrf.core.base.device import start_warp
+from deformrf.core.definition.image import render_rays
 from deformrf.core.deform import (
     TIME_STEP,
     Material,
@@ -43,7 +44,6 @@ from deformrf.core.render import (
     camera_rays,
     from_field_of_view,
     look_at,
-    reference,
 )
 from deformrf.core.training.metrics import psnr
 
@@ -177,8 +177,8 @@ def error(case):
     image = case.renderer.render(view).color_array()[..., :3].reshape(-1, 3) / 255.0
     some = np.random.default_rng(0).choice(len(image), REFERENCE_PIXELS, replace=False)
     origins, directions = camera_rays(view)
-    expected, _, _ = reference.render_rays(
-        renderer.field,
+    expected, _, _ = render_rays(
+        renderer.field.definition,
         np.asarray(case.vertices, np.float32),
         origins[some],
         directions[some],

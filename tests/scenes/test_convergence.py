@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.core.definition.image import render_rays
 from deformrf.core.field import FieldOptions, random_field
 from deformrf.core.geometry import TetMesh
-from deformrf.core.render import reference
 
 HALVINGS = 3
 NEAR_STEPS = (0.8, 0.9, 1.0)
@@ -38,8 +38,8 @@ def convergence_order(field, rng, first_step, ray_count=60):
 
     def image(step):
         stepped = replace(field, options=replace(field.options, march_step=step))
-        color, opacity, _ = reference.render_rays(
-            stepped, vertices, targets - 2.0 * directions, directions, (1.0, 1.0, 1.0)
+        color, opacity, _ = render_rays(
+            stepped.definition, vertices, targets - 2.0 * directions, directions, (1.0, 1.0, 1.0)
         )
         return np.column_stack([color, opacity])
 

@@ -3,7 +3,7 @@
 import numpy as np
 from descendant_shapes import PUBLISHED_CHILD_VERTICES
 
-from deformrf.core.geometry import CHILD_VERTICES
+from deformrf.core.definition.subdivision import CHILD_VERTICES
 
 # C of DeformRF's supplement: coordinates in child k from those in its parent.
 PUBLISHED = np.array(

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import solver_frame
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
 from deformrf.core.deform.constraints import LEAVING_SPEED
-from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -118,7 +118,7 @@ def test_vertices_below_the_ground_move_as_the_reference_says(device):
     assert (start[:, 2] < 0.25).any() and (start[:, 2] > 0.3).any()
     h, w = DT / 6, x._holds.inverse_masses
     of_edges, of_volumes = material.compliances(x.edges, x.volumes)
-    frame = reference.Frame(
+    frame = solver_frame.Frame(
         options.timing(DT, 0.0, x.object_size),
         6,
         w,
@@ -129,7 +129,7 @@ def test_vertices_below_the_ground_move_as_the_reference_says(device):
         x.volumes,
         x.volumes.regularization(of_volumes, w, h),
     )
-    expected, expected_velocities = reference.step(frame, start, velocities)
+    expected, expected_velocities = solver_frame.step(frame, start, velocities)
     x.set_state(start, velocities)
     x.step(DT)
     np.testing.assert_allclose(positions(x), expected, atol=3e-6)

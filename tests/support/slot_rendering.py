@@ -1,8 +1,9 @@
 """The wavefront on a CPU, and what its images are compared with."""
 
 import numpy as np
+from both_networks import evaluate
 
-from deformrf.core.field.networks.reference import evaluate, mlp, sigma_from, sigmoid
+from deformrf.core.definition.networks import mlp, sigma_from, sigmoid
 
 
 def in_slots(renderer):

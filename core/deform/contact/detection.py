@@ -10,7 +10,7 @@
           clear which face it is behind.
 
 A sample has contacts with at most MOST faces, the nearest ones.  Inverted faces and tets are
-ignored: they have no outside.
+ignored: they have no outside.  tests/support/contact_search.py has the same in float64.
 
 Shapes: G clusters, L leaves, S samples, F faces, T tets.
 """

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...definition.contact import CONTACT_SLACK, plane_weights
 from ...geometry import boundary_faces, tet_neighbours
-from ..constraints import CONTACT_SLACK
 from .clusters import Clusters
 
 STEEPEST = 3.0  # of a bevel
@@ -191,15 +191,6 @@ def _distances(vertices, faces, points):
     weights = closest_weights(points - a, b - a, c - a)
     nearest = weights[:, 1:2] * (b - a) + weights[:, 2:] * (c - a)
     return np.linalg.norm(points - a - nearest, axis=1)
-
-
-def plane_weights(r, e1, e2):
-    """Barycentric coordinates of r's projection onto triangles 0, e1, e2.  3 × [..., 3] -> same"""
-    normal = np.cross(e1, e2)
-    squared = np.maximum((normal**2).sum(-1), 1e-300)
-    second = (np.cross(r, e2) * normal).sum(-1) / squared
-    third = (np.cross(e1, r) * normal).sum(-1) / squared
-    return np.stack([1.0 - second - third, second, third], axis=-1)
 
 
 def closest_weights(r, e1, e2):

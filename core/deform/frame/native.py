@@ -5,17 +5,11 @@ from pathlib import Path
 import warp as wp
 
 from ...base.native import native_source
+from ...definition.contact import CONTACT_SHARE_OUT, CONTACT_SLACK
+from ...definition.solver import COLLAPSED, STEP_LIMIT
 from ..arrays import FrameArrays
 from ..colliders import COLLIDER_SIZE
-from ..constraints import (
-    COLLAPSED,
-    CONTACT_LOAD_UNIT,
-    CONTACT_SHARE_OUT,
-    CONTACT_SLACK,
-    LEAVING_SPEED,
-    PRESS_SHARE,
-    STEP_LIMIT,
-)
+from ..constraints import CONTACT_LOAD_UNIT, LEAVING_SPEED, PRESS_SHARE
 
 FOLDER = Path(__file__).parent
 SHARED = "substep.h", "contact.h"

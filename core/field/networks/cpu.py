@@ -10,14 +10,9 @@ import numpy as np
 import warp as wp
 
 from ...base.native import LANES_H, MOST_LANES, native_source
-from .reference import (
-    BASIS_COUNT,
-    GEOMETRY_FEATURES,
-    MAX_LOG_SIGMA,
-    Layers,
-    sigma_from,
-    sigmoid,
-)
+from ...definition.networks import GEOMETRY_FEATURES, MAX_LOG_SIGMA, sigma_from, sigmoid
+from .basis import BASIS_COUNT
+from .shapes import Layers
 
 NETWORK_BLOCK = 48  # samples that pass the layers together: whole ROWS of layers.h, whole vectors
 LAYERS_H = Path(__file__).parent / "layers.h"
@@ -102,7 +97,7 @@ def apply_kernel(
     scratch: wp.array(dtype=float),
     y: wp.array2d(dtype=float),  # [N, out] out
 ):
-    """`reference.mlp` for all rows, by one thread."""
+    """`mlp` of core/definition for all rows, by one thread."""
     apply_native(networks, first_layer, layer_count, in_pairs, x, scratch, y)
 
 
@@ -128,7 +123,7 @@ def multiplies_pairs() -> bool:
 
 
 class CpuNetworks:
-    """Both networks for arrays in the CPU's memory: `reference` in float32.
+    """Both networks for arrays in the CPU's memory, in float32.
 
     With `half`, numbers and weights are rounded to bfloat16 where the processor multiplies pairs
     of them (layers.h).

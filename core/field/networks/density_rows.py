@@ -14,7 +14,7 @@ import warp as wp
 
 from ...base.native import native_source
 from ...base.wide import vec4h
-from .reference import MAX_LOG_SIGMA
+from ...definition.networks import MAX_LOG_SIGMA
 
 BLOCK_SIZE = 128  # of the kernel
 OVERWRITTEN_LEVELS = wp.constant(4)  # by density_in_room

@@ -25,12 +25,8 @@ import warp as wp
 
 from ...base.native import native_source
 from ...base.wide import vec4h
-from .reference import (
-    MAX_FEATURES,
-    MAX_LOG_SIGMA,
-    has_usual_density,
-    has_usual_shape,
-)
+from ...definition.networks import MAX_LOG_SIGMA
+from .shapes import MAX_FEATURES, has_usual_density, has_usual_shape
 
 TILE_K, TILE_N = 16, 8  # of one product
 OLDEST_GPU = 80  # Warp's arch

@@ -6,7 +6,8 @@ Loading torch takes seconds, so import this module only inside functions that ne
 import torch
 from torch import nn
 
-from .reference import MAX_LOG_SIGMA, Layers
+from ...definition.networks import MAX_LOG_SIGMA
+from .shapes import Layers
 
 
 class TruncatedExp(torch.autograd.Function):
@@ -25,7 +26,7 @@ class TruncatedExp(torch.autograd.Function):
 
 
 class TorchNetworks(nn.Module):
-    """Both networks as torch modules; `reference.evaluate` with gradients."""
+    """Both networks as torch modules, with gradients."""
 
     def __init__(self, density_layers: Layers, color_layers: Layers):
         super().__init__()

@@ -34,13 +34,8 @@ from dataclasses import dataclass
 import torch
 from torch.autograd.function import once_differentiable
 
-from .reference import (
-    BASIS_COUNT,
-    GEOMETRY_FEATURES,
-    MAX_FEATURES,
-    has_usual_density,
-    has_usual_shape,
-)
+from .basis import BASIS_COUNT
+from .shapes import GEOMETRY_FEATURES, MAX_FEATURES, has_usual_density, has_usual_shape
 from .torch import TorchNetworks
 
 try:

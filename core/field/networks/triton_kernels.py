@@ -10,12 +10,13 @@ Shapes: N samples, B of them in a block.  Weights are [out, in].
 import triton
 import triton.language as tl
 
-from . import reference as network
+from ...definition import networks
+from . import basis, shapes
 
-WIDTH = tl.constexpr(network.WIDTH)  # of every hidden layer
-GEOMETRY = tl.constexpr(network.GEOMETRY_FEATURES)
-BASIS = tl.constexpr(network.BASIS_COUNT)
-MAX_LOG_SIGMA = tl.constexpr(network.MAX_LOG_SIGMA)
+WIDTH = tl.constexpr(shapes.WIDTH)  # of every hidden layer
+GEOMETRY = tl.constexpr(networks.GEOMETRY_FEATURES)
+BASIS = tl.constexpr(basis.BASIS_COUNT)
+MAX_LOG_SIGMA = tl.constexpr(networks.MAX_LOG_SIGMA)
 DOT_SIZE = tl.constexpr(16)  # tl.dot's operands have no shorter side
 GRADIENT_PEAK = tl.constexpr(16.0)  # the largest gradient of a block where a network ends
 MAX_HALF = tl.constexpr(65504.0)

@@ -28,7 +28,7 @@ from .windows import WindowRounds
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
 CUDA_PIECES = 1 << 20
 ray_sums_d = wp.types.vector(length=len(ray_sums()), dtype=wp.float64)
-DARK = wp.constant(wp.float64(1.0e-9))  # a smaller extinction is rounding, as in reference.py
+DARK = wp.constant(wp.float64(1.0e-9))  # a smaller extinction is rounding (definition/image.py)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 

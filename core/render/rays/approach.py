@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...definition.image import ASIDE
 from .camera import Camera
 from .marching import Rays
 
-ASIDE = 2e-6 * np.array([0.4124, 0.5763, 0.7056])  # some units in the last place of 1
 PARALLEL = 1e-7  # a component of a unit direction
 FAR = 8.0  # radii of the ball around the mesh, from its center
 GAP = 0.05  # of a radius: rays begin that far before the ball

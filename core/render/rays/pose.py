@@ -56,33 +56,6 @@ class Geometry:
     mirrored_count: wp.array(dtype=int)  # [1]
 
 
-def tet_frames_reference(rest_vertices, vertices, tets):
-    """The frames of all tets, in NumPy.
-
-    Returns:
-        gradients [T, 4, 4] (columns 0-2 G, column 3 g), inverse F [T, 3, 3], Q [T, 3, 3],
-        fade s [T].  A faded tet has zeros and s = 0.
-    """
-    rest_edges = np.swapaxes(rest_vertices[tets[:, 1:]] - rest_vertices[tets[:, :1]], 1, 2)
-    edges = np.swapaxes(vertices[tets[:, 1:]] - vertices[tets[:, :1]], 1, 2)
-    deformation = edges @ np.linalg.inv(rest_edges)
-    u, stretches, vt = np.linalg.svd(deformation)
-    ratio = stretches[:, 2] / np.maximum(stretches[:, 0], 1e-30)
-    x = np.clip((ratio - 1e-3) / (1e-2 - 1e-3), 0, 1)
-    fade = x * x * (3 - 2 * x)
-    flat = fade <= 0
-    edges = np.where(flat[:, None, None], np.eye(3), edges)
-    inverse = np.linalg.inv(edges)
-    gradients = np.zeros((len(tets), 4, 4))
-    gradients[:, 1:, :3] = inverse
-    gradients[:, 1:, 3] = -np.einsum("tij,tj->ti", inverse, vertices[tets[:, 0]])
-    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
-    gradients[:, 0, 3] += 1.0
-    inverse_f = rest_edges @ inverse
-    gradients[flat], inverse_f[flat] = 0.0, 0.0
-    return gradients, inverse_f, u @ vt, fade
-
-
 def links(neighbours):
     """`Geometry.links` from the neighbors of each tet.  [T, 4] -> [T, 4] int32"""
     tet, face = np.nonzero(neighbours >= 0)

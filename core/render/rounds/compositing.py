@@ -17,7 +17,6 @@ Shapes: R rays, N packed samples; ray r has the samples ends[r] - counts[r] .. e
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from ...field import GEOMETRY_FEATURES
@@ -28,23 +27,6 @@ from ..rays.marching import RaySamples
 ray_sums = wp.types.vector(length=GEOMETRY_FEATURES + 4, dtype=wp.float32)
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
-
-def composite_reference(sigma, values, length, t, counts):
-    """Sums [R, C] of values [N, C], opacity [R], depth [R] (0 without opacity), distortion [R]."""
-    ends = np.cumsum(counts)
-    sums, opacity = np.zeros((len(counts), values.shape[1])), np.zeros(len(counts))
-    depth, distortion = np.zeros(len(counts)), np.zeros(len(counts))
-    for ray, (end, count) in enumerate(zip(ends, counts, strict=True)):
-        part = slice(end - count, end)
-        tau = sigma[part] * length[part]
-        transmittance = np.exp(-np.concatenate([[0.0], np.cumsum(tau)[:-1]]))[:count]
-        w = transmittance * -np.expm1(-tau)
-        sums[ray], opacity[ray] = w @ values[part], w.sum()
-        depth[ray] = w @ t[part] / opacity[ray] if opacity[ray] > 0 else 0.0
-        gaps = np.abs(t[part][:, None] - t[part][None])
-        distortion[ray] = w @ gaps @ w + (w**2 @ length[part]) / 3
-    return sums, opacity, depth, distortion
 
 
 @wp.struct

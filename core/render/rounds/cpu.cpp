@@ -103,7 +103,7 @@ auto turned = [&](int ray, int tet, int k) {
     return q.data[0][k] * d[0] + q.data[1][k] * d[1] + q.data[2][k] * d[2];
 };
 
-// The 16 spherical harmonics of a direction, as spherical_harmonics in networks/reference.py.
+// The 16 spherical harmonics of a direction, as spherical_harmonics in core/definition/networks.py.
 auto put_basis = [&](float* y, float x, float v, float z) {
     for (int k = 0; k < @BASIS_COUNT; ++k) y[k] = 0.0f;
     y[0] = 0.28209479177387814f;

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import solver_frame
 
 from deformrf.core.deform import Box, Material, Sphere, XpbdOptions, XpbdSolver, colliders
-from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -73,7 +73,7 @@ def test_a_frame_agrees_with_the_reference(device, trial):
     w, options, edges = solver._holds.inverse_masses, solver.options, solver.edges
     h = DT / 5
     of_edges, of_volumes = solver.material.compliances(edges, solver.volumes)
-    frame = reference.Frame(
+    frame = solver_frame.Frame(
         options.timing(DT, solver.material.damping, solver.object_size),
         5,
         w,
@@ -86,8 +86,8 @@ def test_a_frame_agrees_with_the_reference(device, trial):
         colliders=rows,
         free_parts=np.zeros(len(w), int),
     )
-    x, v = reference.step(frame, start, np.zeros_like(start))
-    without = reference.step(replace(frame, colliders=()), start, np.zeros_like(start))[0]
+    x, v = solver_frame.step(frame, start, np.zeros_like(start))
+    without = solver_frame.step(replace(frame, colliders=()), start, np.zeros_like(start))[0]
     assert np.abs(x - without).max() > 0.01
     np.testing.assert_allclose(positions(solver), x, atol=3e-6)
     np.testing.assert_allclose(solver.velocities.numpy(), v, atol=1e-6 / h)

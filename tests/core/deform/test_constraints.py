@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from deformrf.core.definition import solver
 from deformrf.core.deform import constraints
-from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, signed_volumes
 
 UNIT_TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
@@ -36,6 +36,10 @@ def random_tets(count):
     tets = random.permutation(4 * count).reshape(-1, 4)
     rest = random.uniform(0.01, 0.5, count)
     return vertices, w, tets, rest, random.uniform(1e-3, 1e-2, count)
+
+
+def of_one_color(vertices, rest_values, regularization):
+    return solver.Constraints(vertices, rest_values, regularization, np.array([0, len(vertices)]))
 
 
 def test_volumes_and_masses_add_up():
@@ -80,7 +84,7 @@ def test_inverted_tets_are_reoriented_and_flat_ones_left_out():
 def test_volume_gradients_are_differences_of_volume():
     vertices = np.random.default_rng().uniform(size=(4, 3))
     tet = np.array([[0, 1, 2, 3]])
-    gradients = constraints.volume_gradients(vertices, tet)[0]
+    gradients = solver.volume_gradients(vertices, tet)[0]
     for corner in range(4):
         for axis in range(3):
             step = np.zeros((4, 3))
@@ -90,7 +94,7 @@ def test_volume_gradients_are_differences_of_volume():
 
 
 def test_fallback_directions_are_uniform_unit_vectors():
-    directions = reference.fallback_directions(np.arange(20_000))
+    directions = solver.fixed_directions(np.arange(20_000))
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
     np.testing.assert_allclose(directions.mean(axis=0), 0.0, atol=0.02)
     np.testing.assert_allclose(directions.T @ directions / 20_000, np.eye(3) / 3, atol=0.02)
@@ -98,14 +102,12 @@ def test_fallback_directions_are_uniform_unit_vectors():
 
 def test_projections_keep_momentum():
     vertices, w, ends, lengths, regularization = random_edges(100)
-    moved = reference.project_edges(
-        vertices, w, ends, lengths, regularization, np.arange(len(ends))
-    )
+    moved = solver.project_edges(vertices, w, of_one_color(ends, lengths, regularization))
     others = np.setdiff1d(np.arange(len(w)), ends[(w[ends] > 0).all(axis=1)])
     check_momentum(vertices, moved, w, others)
 
     vertices, w, tets, volumes, regularization = random_tets(100)
-    moved = reference.project_volumes(vertices, w, tets, volumes, regularization)
+    moved = solver.project_volumes(vertices, w, of_one_color(tets, volumes, regularization))
     others = np.setdiff1d(np.arange(len(w)), tets[(w[tets] > 0).all(axis=1)])
     check_momentum(vertices, moved, w, others)
 
@@ -123,16 +125,16 @@ def check_momentum(vertices, moved, w, others):
 def test_without_compliance_one_projection_restores_an_edge():
     vertices, w, ends, lengths, _ = random_edges(50)
     free = (w[ends] > 0).any(axis=1)
-    moved = reference.project_edges(vertices, w, ends, lengths, 0.0, np.arange(len(ends)))
+    moved = solver.project_edges(vertices, w, of_one_color(ends, lengths, 0.0 * lengths))
     length = np.linalg.norm(moved[ends[:, 0]] - moved[ends[:, 1]], axis=1)
     np.testing.assert_allclose(length[free], lengths[free])
 
 
 def test_a_volume_projection_moves_no_vertex_too_far():
     vertices, w, tets, volumes, regularization = random_tets(200)
-    moved = reference.project_volumes(vertices, w, tets, volumes, regularization)
+    moved = solver.project_volumes(vertices, w, of_one_color(tets, volumes, regularization))
     longest = np.linalg.norm((moved - vertices)[tets], axis=-1).max(axis=1)
-    limit = constraints.STEP_LIMIT * np.cbrt(volumes)
+    limit = solver.STEP_LIMIT * np.cbrt(volumes)
     assert (longest <= limit * (1 + 1e-9)).all()
     assert (longest >= limit * (1 - 1e-9)).any()
 

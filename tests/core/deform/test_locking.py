@@ -8,6 +8,7 @@ from beams import beam
 from cantilevers import network
 from finite_elements import Solid, quadratic
 
+from deformrf.core.definition.solver import volume_gradients
 from deformrf.core.deform import Material, constraints
 from deformrf.core.deform.locking import volume_shares
 from deformrf.core.geometry import (
@@ -96,7 +97,7 @@ def test_the_infinite_lattice_stays_the_same_solid():
     of_edges, of_tets = 1.0 / edges.compliances(MU), 1.0 / tets.compliances(bulk)
     along = rest[edges.vertices[:, 0]] - rest[edges.vertices[:, 1]]
     along /= edges.rest_values[:, None]
-    gradients = constraints.volume_gradients(rest, tets.vertices)
+    gradients = volume_gradients(rest, tets.vertices)
     within = (np.abs(rest - 0.5) < 0.12).all(axis=1)
     assert within.any()
     cell_edges, cell_tets = (in_one_cell(mesh, part.vertices) for part in (edges, tets))
@@ -145,6 +146,6 @@ def test_a_squeezed_column_keeps_its_volume(ratio):
     u, dofs = np.where(held[:, None], squeezed, 0.0).ravel(), free_dofs(held)
     u[dofs] = factorize(stiffness[dofs][:, dofs]).solve(-(stiffness @ u)[dofs])
     between = ~held[tets].all(axis=1)
-    growth = (constraints.volume_gradients(rest, tets) * u.reshape(-1, 3)[tets]).sum(axis=(1, 2))
+    growth = (volume_gradients(rest, tets) * u.reshape(-1, 3)[tets]).sum(axis=(1, 2))
     lost = -growth[between].sum() / 6 / signed_volumes(rest, tets[between]).sum()
     assert lost == pytest.approx(1.0 - 2.0 * ratio, abs=0.035)

@@ -8,9 +8,9 @@ import pytest
 import warp as wp
 
 from deformrf.core.base.wide import vec4h
+from deformrf.core.definition.encoding import encode, hash_address
 from deformrf.core.field import FEATURES, encode_backward_kernel, encode_kernel, make_tables
-from deformrf.core.field.encoding import encode_reference
-from deformrf.core.field.layout import dense_ids, hash_address, hash_entry, make_layout
+from deformrf.core.field.layout import dense_ids, encoding_of, hash_entry, make_layout
 from deformrf.core.geometry import a15_grid, path_nodes, tet_neighbours
 from deformrf.core.geometry.mesh import FACES
 
@@ -77,8 +77,8 @@ def test_features_are_continuous_across_faces(mesh, layout):
         second[rows, there] = beta[:, j]
     table = random_table(layout)
     np.testing.assert_allclose(
-        encode_reference(mesh, layout, table, tet, first),
-        encode_reference(mesh, layout, table, other, second),
+        encode(encoding_of(mesh, layout, table), tet, first),
+        encode(encoding_of(mesh, layout, table), other, second),
         atol=1e-9,
     )
 
@@ -89,7 +89,7 @@ def test_level_zero_interpolates_the_corner_features(mesh, layout):
     order = np.lexsort(mesh.addresses.T[::-1])
     entry = np.argsort(order)[mesh.tets[tet]]
     expected = np.einsum("nc,ncf->nf", bary, table[entry])
-    features = encode_reference(mesh, layout, table, tet, bary)
+    features = encode(encoding_of(mesh, layout, table), tet, bary)
     np.testing.assert_allclose(features[:, :FEATURES], expected)
 
 
@@ -124,7 +124,7 @@ def check_forward_kernel(mesh, layout, device, entry=wp.vec4):
         outputs=[features],
         device=device,
     )
-    expected = encode_reference(mesh, layout, table.astype(float), tet, bary)
+    expected = encode(encoding_of(mesh, layout, table.astype(float)), tet, bary)
     # Each level doubles the rounding error of bary: 2^5 · 6e-8, times features of size 4.
     # Half precision then rounds once more: half of 2^-10.
     relative = 0.0 if entry is wp.vec4 else 2.0**-11
@@ -152,7 +152,7 @@ def test_backward_kernel_is_the_adjoint_of_the_reference(mesh, layout, device, e
     gradient = gradient.astype(float)
     for _ in range(3):
         table = random_table(layout)
-        features = encode_reference(mesh, layout, table, tet, bary)
+        features = encode(encoding_of(mesh, layout, table), tet, bary)
         expected = (features * gradient.reshape(COUNT, -1)).sum()
         scale = np.abs(features * gradient.reshape(COUNT, -1)).sum()
         assert abs((table_grad.numpy() * table).sum() - expected) < 1e-5 * scale

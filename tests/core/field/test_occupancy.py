@@ -3,7 +3,8 @@
 import numpy as np
 import warp as wp
 
-from deformrf.core.field import is_occupied, is_occupied_reference, subtet_corners, subtet_of
+from deformrf.core.definition import networks
+from deformrf.core.field import is_occupied, subtet_corners, subtet_of
 from deformrf.core.field.occupancy import pack_mask, unpack_mask
 
 
@@ -16,7 +17,7 @@ def test_the_middle_of_subtet_p_asks_for_bit_p():
     middles = subtet_corners().mean(axis=1)
     for p in range(64):
         mask = pack_mask(np.arange(64)[None] == p)
-        found = is_occupied_reference(mask, np.zeros(64, int), middles)
+        found = networks.is_occupied(mask, np.zeros(64, int), middles)
         np.testing.assert_array_equal(found, np.arange(64) == p)
 
 
@@ -48,4 +49,4 @@ def test_kernel_matches_numpy(device):
         outputs=[found],
         device=device,
     )
-    np.testing.assert_array_equal(found.numpy() == 1, is_occupied_reference(mask, tet, bary))
+    np.testing.assert_array_equal(found.numpy() == 1, networks.is_occupied(mask, tet, bary))

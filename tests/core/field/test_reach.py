@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.definition import networks
+from deformrf.core.definition.encoding import encode
 from deformrf.core.field import (
     encode_kernel,
     is_occupied,
-    is_occupied_reference,
     make_tables,
     reach,
     subtet_of,
 )
-from deformrf.core.field.encoding import encode_reference
+from deformrf.core.field.layout import encoding_of
 from deformrf.core.field.occupancy import unpack_mask
 from deformrf.core.field.reach import occupied_cells, reached_entries, reached_reference
 from deformrf.core.geometry import path_corners
@@ -86,7 +87,7 @@ def test_entries_that_are_not_reached_are_never_read(make_ball_field):
     """NaN there would spread to any feature that reads it, even with weight 0."""
     field = random_field(make_ball_field)
     tet, bary = samples_in_occupied_subtets(field, 20_000)
-    keep = is_occupied_reference(field.occupancy, tet, bary)  # rounding may cross a face
+    keep = networks.is_occupied(field.occupancy, tet, bary)  # rounding may cross a face
     tet, bary = tet[keep], bary[keep]
     assert len(tet) > 19_000
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
@@ -95,8 +96,8 @@ def test_entries_that_are_not_reached_are_never_read(make_ball_field):
     assert not reached[offsets[2] : offsets[3]].all()  # of the first levels it may be all
     spoiled = np.where(reached[:, None], field.table, np.nan)
     np.testing.assert_array_equal(
-        encode_reference(field.mesh, field.layout, spoiled, tet, bary),
-        encode_reference(field.mesh, field.layout, field.table, tet, bary),
+        encode(encoding_of(field.mesh, field.layout, spoiled), tet, bary),
+        encode(encoding_of(field.mesh, field.layout, field.table), tet, bary),
     )
 
 

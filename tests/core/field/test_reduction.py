@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deformrf.core.definition.networks import colors, geometry
 from deformrf.core.field import (
     FieldOptions,
     cut,
@@ -33,10 +34,14 @@ def test_what_stays_has_the_density_and_color_it_had(dense):
     bary = rng.dirichlet(np.ones(4), 200)
     directions = rng.normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    before = field.evaluate(np.flatnonzero(keep)[tet], bary, directions)
-    after = small.evaluate(tet, bary, directions)
-    for a, b in zip(after, before, strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-9)
+    before = geometry(field.definition, np.flatnonzero(keep)[tet], bary)
+    after = geometry(small.definition, tet, bary)
+    np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-9)
+    of_before, of_after = (
+        colors(h, directions, of.definition.color_layers)
+        for h, of in ((before, field), (after, small))
+    )
+    np.testing.assert_allclose(of_after, of_before, rtol=1e-9)
 
 
 def test_something_has_to_stay():

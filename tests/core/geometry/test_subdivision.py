@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.definition.subdivision import (
+    CHILD_FROM_PARENT,
+    PARENT_FROM_CHILD,
+    child_path,
+    descend,
+)
 from deformrf.core.geometry import (
     along,
     child_of,
-    child_path,
-    descend,
     into_child,
     lattice_axes,
     lattice_cell,
@@ -17,7 +21,6 @@ from deformrf.core.geometry import (
     path_corners,
     path_nodes,
 )
-from deformrf.core.geometry.subdivision import CHILD_FROM_PARENT, PARENT_FROM_CHILD
 
 
 def random_alpha(count):

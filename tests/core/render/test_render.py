@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.base import paths
+from deformrf.core.definition.image import ray_pieces, render_rays
 from deformrf.core.field import modelfile
 from deformrf.core.geometry import signed_volumes
 from deformrf.core.render import (
@@ -16,7 +17,6 @@ from deformrf.core.render import (
     default_stop,
     from_field_of_view,
     look_at,
-    reference,
 )
 
 
@@ -70,8 +70,8 @@ def test_conformance_mode_equals_the_reference(assert_conforms, make_ball_field,
     renderer = Renderer(field, device)
     renderer.set_vertices(vertices)
     color, opacity, depth = renderer.render_rays(origins, directions, CONFORMANCE)
-    expected, expected_opacity, expected_depth = reference.render_rays(
-        field, vertices, origins, directions, BACKGROUND
+    expected, expected_opacity, expected_depth = render_rays(
+        field.definition, vertices, origins, directions, BACKGROUND
     )
     # The object is in the picture; in a thousand random ones the mean was 0.11 to 0.47.
     assert 0.03 < expected_opacity.mean() < 0.9
@@ -111,7 +111,7 @@ def test_flat_tets_hide_nothing_behind_them(assert_conforms, make_ball_field, de
     renderer = Renderer(field, device)
     renderer.set_vertices(vertices)
     color, _, _ = renderer.render_rays(origins, directions, CONFORMANCE)
-    expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
+    expected, _, _ = render_rays(field.definition, vertices, origins, directions, BACKGROUND)
     assert_conforms(color, expected, field, vertices, origins, directions, BACKGROUND)
 
 
@@ -130,7 +130,7 @@ def test_the_bundled_model_renders_as_defined(assert_conforms, device, pose):
     renderer = Renderer(field, device)
     renderer.set_vertices(vertices)
     color, _, _ = renderer.render_rays(origins, directions, CONFORMANCE)
-    expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
+    expected, _, _ = render_rays(field.definition, vertices, origins, directions, BACKGROUND)
     assert_conforms(color, expected, field, vertices, origins, directions, BACKGROUND)
 
 
@@ -140,8 +140,8 @@ def test_default_mode_reaches_45_decibels(make_ball_field, device):
     origins, directions = float32_rays(camera())
     renderer = Renderer(field, device)
     color, _, _ = renderer.render_rays(origins, directions, RenderOptions(BACKGROUND))
-    expected, _, _ = reference.render_rays(
-        field, field.mesh.rest_vertices, origins, directions, BACKGROUND
+    expected, _, _ = render_rays(
+        field.definition, field.mesh.rest_vertices, origins, directions, BACKGROUND
     )
     assert -10 * np.log10(np.mean((color - expected) ** 2)) > 45.0
 
@@ -289,7 +289,7 @@ def test_details_number_tets_as_the_field_does(make_ball_field, device):
     image = Renderer(field, device).render(view, replace(CONFORMANCE, details=True))
     tet, t = image.tet.numpy().ravel(), image.depth_array().ravel()
     origins, directions = camera_rays(view)
-    ray, tets, *_ = reference.ray_pieces(field, field.mesh.rest_vertices, origins, directions)
+    ray, tets, *_ = ray_pieces(field.definition, field.mesh.rest_vertices, origins, directions)
     seen = np.flatnonzero(np.isfinite(t))
     assert len(seen) > 20
     met = [tet[k] in tets[ray == k] for k in seen]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.field import FieldOptions, is_occupied_reference, modelfile
+from deformrf.core.definition.networks import is_occupied
+from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
 from deformrf.core.training import preset, trainer
 from deformrf.core.training.data.raybank import RayBank
@@ -287,7 +288,7 @@ def test_what_no_ray_sees_is_hidden():
     field = stage.export(np.eye(4), {})
     tet = np.repeat(np.arange(field.mesh.tet_count), 20)
     bary = rng.dirichlet(np.ones(4), len(tet))
-    occupied = is_occupied_reference(field.occupancy, tet, bary)
+    occupied = is_occupied(field.occupancy, tet, bary)
     height = np.einsum("nc,nc->n", bary, field.mesh.rest_vertices[field.mesh.tets[tet]][..., 2])
     assert occupied.any()
     assert height[occupied].min() > 0.7  # the grid ends above 1

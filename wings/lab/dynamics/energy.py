@@ -18,7 +18,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ....core.deform import edge_constraints, lumped_masses, volume_constraints, volume_gradients
+from ....core.definition.solver import volume_gradients
+from ....core.deform import edge_constraints, lumped_masses, volume_constraints
 from ....core.geometry import signed_volumes
 
 

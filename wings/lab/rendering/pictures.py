@@ -1,7 +1,7 @@
 """Views of an object, photographs, and the errors of rendered images.
 
-The expected colors come from the float64 reference (render/reference.py) at random pixels: it
-tests every ray against every tet, so a whole image would take minutes.
+The expected colors come from `render_rays` of core/definition at random pixels: it tests every
+ray against every tet, so a whole image would take minutes.
 
 Shapes: V vertices, N pixels.
 """
@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ....core.definition.image import render_rays
 from ....core.field import TetField
 from ....core.render import (
     Camera,
@@ -20,7 +21,6 @@ from ....core.render import (
     from_field_of_view,
     in_space,
     look_at,
-    reference,
 )
 from ....core.training import Dataset, white_composite
 
@@ -94,7 +94,7 @@ def expected_pixels(field: TetField, vertices, camera: Camera, numbers) -> Expec
     origins, directions = camera_rays(camera)
     background = RenderOptions().background
     rays = origins[numbers], directions[numbers]
-    colors, _, _ = reference.render_rays(field, vertices, *rays, background)
+    colors, _, _ = render_rays(field.definition, vertices, *rays, background)
     return ExpectedPixels(camera, vertices, numbers, np.clip(colors, 0.0, 1.0))
 
 

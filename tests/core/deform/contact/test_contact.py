@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import solver_frame
 import warp as wp
 from contact_scenes import (
     body_with_arm,
@@ -16,13 +17,12 @@ from contact_scenes import (
     two_balls,
 )
 
+from deformrf.core.definition.contact import Contacts
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
 from deformrf.core.deform.contact import boxes
 from deformrf.core.deform.contact.clusters import barycentric
 from deformrf.core.deform.contact.contact import Contact, contact_modules
-from deformrf.core.deform.contact.reference import ContactList
 from deformrf.core.deform.contact.surface import closest_weights
-from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import boundary_faces, edges, tet_neighbours
 
 DT = 1.0 / 60.0
@@ -44,7 +44,7 @@ def positions(solver):
     return solver.vertices.numpy().astype(np.float64)
 
 
-def contacts_of(arrays) -> ContactList:
+def contacts_of(arrays) -> Contacts:
     """What was found, for the reference."""
     count = int(arrays.counts.numpy()[0])
     of_all = (arrays.vertices, arrays.shares, arrays.bevels)
@@ -52,7 +52,7 @@ def contacts_of(arrays) -> ContactList:
         array.numpy()[:count].astype(kind)
         for array, kind in zip(of_all, (int, float, float), strict=True)
     ]
-    return ContactList(*lists, *map(float, arrays.limits.numpy()))
+    return Contacts(*lists, *map(float, arrays.limits.numpy()))
 
 
 @pytest.mark.parametrize("depth", [-0.01, 0.05])
@@ -79,7 +79,7 @@ def test_a_frame_with_contacts_agrees_with_the_reference(device, depth, hold):
     if hold == "springs":
         springs = np.full((len(w), 2), (constraints.NO_SPRING, 0.0))
         springs[ids] = constraints.spring_coefficients(*stiffness, w[ids], h)
-    frame = reference.Frame(
+    frame = solver_frame.Frame(
         solver.options.timing(DT, solver.material.damping, solver.object_size),
         8,
         w,
@@ -92,9 +92,9 @@ def test_a_frame_with_contacts_agrees_with_the_reference(device, depth, hold):
         springs,
         contacts=contacts_of(solver._contact.arrays),
     )
-    x, _ = reference.step(frame, state, velocities)
+    x, _ = solver_frame.step(frame, state, velocities)
     assert len(frame.contacts.shares) > 50
-    without = reference.step(replace(frame, contacts=None), state, velocities)[0]
+    without = solver_frame.step(replace(frame, contacts=None), state, velocities)[0]
     assert np.abs(x - without).max() > 1e-3
     difference = np.abs(solver.vertices.numpy() - x).max(axis=1)
     # A contact on an edge of its triangle may be active in one of them alone.

@@ -1,11 +1,11 @@
 """Boxes and contacts of random poses: the kernels against the float64 reference."""
 
+import contact_search
 import numpy as np
 import pytest
 from contact_scenes import pressed_balls, two_balls
 
 from deformrf.core.deform import Material, XpbdSolver
-from deformrf.core.deform.contact import reference
 from deformrf.core.deform.contact.boxes import ASLEEP, AWAKE, OUT
 from deformrf.core.deform.contact.clusters import make_clusters
 from deformrf.core.deform.contact.contact import REST_GAP, Contact
@@ -28,13 +28,13 @@ def expected(solver, contact, state, velocities, exits_before=None):
     clusters = make_clusters(rest, tets, REST_GAP * edge)
     surface = make_surface(rest, tets, clusters)
     ways = DT * velocities
-    boxes = reference.boxes(clusters, state, ways, contact._margin)
-    partners = reference.overlaps(clusters, *boxes, np.full(len(boxes[0]), AWAKE))
+    boxes = contact_search.boxes(clusters, state, ways, contact._margin)
+    partners = contact_search.overlaps(clusters, *boxes, np.full(len(boxes[0]), AWAKE))
     if exits_before is None:
         exits_before = np.full(len(surface.ends), NO_FACE)
     limits = contact._margin, contact._tolerance
     inputs = exits(rest, surface), rest, state, ways, partners
-    return reference.find(clusters, surface, *inputs, *limits, exits_before), boxes, partners
+    return contact_search.find(clusters, surface, *inputs, *limits, exits_before), boxes, partners
 
 
 @pytest.mark.parametrize("depth", [-0.06, 0.03, 0.12])

@@ -4,12 +4,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import solver_frame
 import warp as wp
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
 from deformrf.core.deform.frame import cpu as frame_cpu
 from deformrf.core.deform.frame import cuda as frame_cuda
-from deformrf.core.deform.frame import reference
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -39,7 +39,7 @@ def reference_step(solver, start):
     edges, volumes = solver.edges, solver.volumes
     of_edges, of_volumes = material.compliances(edges, volumes)
     has_volumes = of_volumes is not None
-    frame = reference.Frame(
+    frame = solver_frame.Frame(
         options.timing(DT, material.damping, solver.object_size),
         options.substeps(DT),
         w,
@@ -51,7 +51,7 @@ def reference_step(solver, start):
         volumes.regularization(of_volumes, w, h) if has_volumes else None,
         free_parts=np.zeros(len(w), int) if material.damping else None,
     )
-    return reference.step(frame, start, np.zeros_like(start))[0]
+    return solver_frame.step(frame, start, np.zeros_like(start))[0]
 
 
 @pytest.mark.parametrize("trial", range(3))

@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
+from both_networks import evaluate
 
 from deformrf.core.base.wide import vec4h
+from deformrf.core.definition.networks import mlp, sigmoid
 from deformrf.core.field import BASIS_COUNT
 from deformrf.core.field.networks import density_rows, mma
-from deformrf.core.field.networks.reference import evaluate, mlp, sigmoid
 from deformrf.core.render.rounds import slots
 
 

@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
+from both_networks import evaluate
 
 from deformrf.core.base.paths import ROOT
+from deformrf.core.definition.networks import mlp, sigmoid, spherical_harmonics
 from deformrf.core.field import TorchNetworks, basis_of, basis_vector, evaluators
 from deformrf.core.field.networks import cpu
-from deformrf.core.field.networks.reference import (
-    evaluate,
-    has_usual_shape,
-    mlp,
-    sigmoid,
-    spherical_harmonics,
-)
+from deformrf.core.field.networks.shapes import has_usual_shape
 from deformrf.core.field.networks.torch import TruncatedExp
 
 
@@ -99,7 +95,7 @@ def test_networks_in_blocks_agree_with_the_reference(make_ball_field, hidden, le
 
 
 def in_halves(x, layers):
-    """`reference.mlp` whose products take numbers and weights as bfloat16."""
+    """`mlp` whose products take numbers and weights as bfloat16."""
     for number, (weights, bias) in enumerate(layers):
         x = cpu.bfloat16(x).astype(float) @ cpu.bfloat16(weights).astype(float) + bias
         x = x if number + 1 == len(layers) else np.maximum(x, 0)

@@ -8,12 +8,12 @@ import warp as wp
 from fold_poses import crowd, denser, folded, from_inside
 from slot_rendering import assert_alike, in_slots
 
+from deformrf.core.definition.image import render_rays
 from deformrf.core.render import (
     Renderer,
     RenderOptions,
     from_field_of_view,
     look_at,
-    reference,
 )
 from deformrf.core.render.overlap import window_slots
 from deformrf.core.render.overlap.merging import PieceMerger
@@ -52,7 +52,7 @@ def in_wavefront(renderer, camera):
 
 def assert_is_defined(image, field, vertices, camera):
     origins, directions = camera_rays(camera)
-    expected, _, _ = reference.render_rays(field, vertices, origins, directions, BACKGROUND)
+    expected, _, _ = render_rays(field.definition, vertices, origins, directions, BACKGROUND)
     found = image.color_array().reshape(-1, 4)[:, :3]
     off = np.abs(found - 255.0 * expected).max(axis=1)
     assert off.mean() <= 0.8 and (off > 4.0).mean() <= 0.02

@@ -8,7 +8,8 @@ import pytest
 import warp as wp
 from fold_poses import crowd, denser, folded, from_inside
 
-from deformrf.core.render import Renderer, RenderOptions, reference
+from deformrf.core.definition.image import render_rays
+from deformrf.core.render import Renderer, RenderOptions
 from deformrf.core.render.overlap import windows
 from deformrf.core.render.overlap.merging import PieceMerger
 from deformrf.core.render.rays.camera import camera_rays
@@ -29,7 +30,7 @@ def test_a_camera_inside_a_fold_sees_the_defined_image(factor, make_ball_field):
     renderer = Renderer(field, "cpu")
     renderer.set_vertices(vertices)
     origins, directions = camera_rays(from_inside(vertices))
-    expected, opacity, _ = reference.render_rays(field, vertices, origins, directions, (1, 1, 1))
+    expected, opacity, _ = render_rays(field.definition, vertices, origins, directions, (1, 1, 1))
     found, seen, _ = renderer.render_rays(origins, directions, EXACT)
     off = 255.0 * np.abs(found - expected).max(axis=1)
     assert off.mean() <= 0.3 and (off > 2.0).mean() <= 0.02
@@ -68,7 +69,7 @@ def test_a_crowded_place_is_merged_as_a_whole(make_ball_field, monkeypatch):
     renderer = Renderer(field, "cpu")
     renderer.set_vertices(vertices)
     origins, directions = camera_rays(camera)
-    expected, _, _ = reference.render_rays(field, vertices, origins, directions, (1, 1, 1))
+    expected, _, _ = render_rays(field.definition, vertices, origins, directions, (1, 1, 1))
     crowded, render_part = [], PieceMerger._render_part
     monkeypatch.setattr(
         PieceMerger,

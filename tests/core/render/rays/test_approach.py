@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.render import Renderer, RenderOptions, look_at, reference
+from deformrf.core.definition.image import render_rays
+from deformrf.core.render import Renderer, RenderOptions, look_at
 from deformrf.core.render.rays.approach import ASIDE, ball_around, begin_at_ball
 from deformrf.core.render.rays.camera import Camera, camera_rays
 from deformrf.core.render.rays.entries import UNKNOWN
@@ -28,7 +29,7 @@ def view(distance, size=SIZE):
 def exact(renderer, origins, directions):
     field = renderer.field
     vertices = field.mesh.rest_vertices.astype(np.float32)
-    return reference.render_rays(field, vertices, origins, directions, (1.0, 1.0, 1.0))
+    return render_rays(field.definition, vertices, origins, directions, (1.0, 1.0, 1.0))
 
 
 @pytest.mark.parametrize("distance", [12.0, 1e3, 1e6])

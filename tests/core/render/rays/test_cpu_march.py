@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.definition.image import ray_pieces, render_rays
 from deformrf.core.field import SUBTET_COUNT, subtets_of
 from deformrf.core.render import (
     Renderer,
@@ -11,7 +12,6 @@ from deformrf.core.render import (
     camera_rays,
     from_field_of_view,
     look_at,
-    reference,
 )
 from deformrf.core.render.rays.approach import move_aside
 from deformrf.core.render.rays.camera import camera_rays_kernel, device_camera
@@ -124,7 +124,7 @@ def test_middles_are_where_the_reference_has_them(make_ball_field):
     found, _ = in_vectors(renderer, camera, RenderOptions(termination=0.0), MANY)
     rays, _, ids = rays_of(camera, renderer.pose)
     lines = [a.numpy()[ids].astype(float) for a in (rays.origins, rays.directions)]
-    expected_ray, _, _, t_in, t_out, *_ = reference.ray_pieces(field, rest.astype(float), *lines)
+    expected_ray, _, _, t_in, t_out, *_ = ray_pieces(field.definition, rest.astype(float), *lines)
     off = []
     for number, rows in enumerate(found):
         expected = np.sort((0.5 * (t_in + t_out))[expected_ray == number])
@@ -170,8 +170,8 @@ def test_rays_that_have_to_search_are_marched_as_well(make_ball_field):
     camera = from_field_of_view(look_at((0.5, 0.5, 0.52), (1.0, 0.6, 0.5)), 1.2, 30, 20)  # inside
     image = renderer.render(camera, RenderOptions(conformance=True)).color_array()
     origins, directions = camera_rays(camera)
-    expected, _, _ = reference.render_rays(
-        renderer.field, rest_of(renderer), origins, directions, (1.0, 1.0, 1.0)
+    expected, _, _ = render_rays(
+        renderer.field.definition, rest_of(renderer), origins, directions, (1.0, 1.0, 1.0)
     )
     off = np.abs(image[..., :3].reshape(-1, 3) / 255.0 - expected).max(axis=1)
     assert np.ptp(expected) > 0.2 and np.mean(off < 2.5 / 255.0) > 0.99

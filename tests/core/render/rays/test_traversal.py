@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import warp as wp
 
+from deformrf.core.definition.deformation import deformation
+from deformrf.core.definition.image import ray_pieces
 from deformrf.core.geometry import TetMesh
 from deformrf.core.render import Pose, empty_rays, empty_samples
 from deformrf.core.render.rays.entries import Entries
 from deformrf.core.render.rays.marching import march_kernel
-from deformrf.core.render.rays.pose import Geometry, tet_frames_reference
+from deformrf.core.render.rays.pose import Geometry
 from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
-from deformrf.core.render.reference import ray_pieces
 
 SLOTS = 512
 
@@ -59,7 +60,7 @@ def test_frames_kernel_matches_the_reference(make_ball_field, device):
     pose = Pose(mesh, make_ball_field(1).neighbours, device)
     pose.set_vertices(vertices)
     geometry = pose.geometry
-    expected = tet_frames_reference(mesh.rest_vertices, vertices, mesh.tets)
+    expected = deformation(mesh.rest_vertices, vertices, mesh.tets)
     rows = geometry.rows.numpy().reshape(-1, 3, 4)
     np.testing.assert_allclose(rows[..., :3], expected[0][:, 1:, :3], rtol=1e-5, atol=1e-4)
     np.testing.assert_allclose(rows[..., 3], vertices[mesh.tets[:, 0]], rtol=1e-6)
@@ -118,9 +119,7 @@ def test_polar_factors_of_random_deformations(device, longest):
     vertices = vertices.reshape(-1, 3).astype(np.float32)
     pose = Pose(mesh, np.full((count, 4), -1), device)
     pose.set_vertices(vertices)
-    _, _, expected, fades = tet_frames_reference(
-        mesh.rest_vertices, vertices.astype(float), mesh.tets
-    )
+    _, _, expected, fades = deformation(mesh.rest_vertices, vertices.astype(float), mesh.tets)
     rotations = pose.geometry.rotations.numpy().astype(float)
     np.testing.assert_allclose(pose.geometry.shapes.numpy()[1::2, 2], fades, atol=1e-4)
     np.testing.assert_allclose(rotations @ rotations.swapaxes(1, 2), [np.eye(3)] * count, atol=1e-5)
@@ -151,9 +150,7 @@ def test_tets_that_reach_far_away_fade(make_ball_field, device, far):
     pose = Pose(field.mesh, field.neighbours, device)
     pose.set_vertices(vertices)
     fade = pose.geometry.shapes.numpy()[1::2, 2]
-    *_, expected = tet_frames_reference(
-        field.mesh.rest_vertices, vertices.astype(float), field.mesh.tets
-    )
+    *_, expected = deformation(field.mesh.rest_vertices, vertices.astype(float), field.mesh.tets)
     np.testing.assert_allclose(fade, expected, atol=1e-5)
     assert (expected < 1.0).any() and (expected == 1.0).any()
 
@@ -196,7 +193,7 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
 
 def chords(field, vertices, origins, directions):
     """Rest length within the mesh along each ray, by brute force.  [R]"""
-    ray, _, _, t_in, t_out, _, rate = ray_pieces(field, vertices, origins, directions)
+    ray, _, _, t_in, t_out, _, rate = ray_pieces(field.definition, vertices, origins, directions)
     return np.bincount(ray, (t_out - t_in) * rate, minlength=len(origins))
 
 
@@ -245,7 +242,7 @@ def test_middles_are_where_the_reference_has_them(make_ball_field, device):
     origins, directions = random_rays(400, rng)
     origins, directions = (a.astype(np.float32).astype(float) for a in (origins, directions))
     ray, _, _, _, t = march(field, rest, origins, directions, device)
-    expected_ray, _, _, t_in, t_out, *_ = ray_pieces(field, rest, origins, directions)
+    expected_ray, _, _, t_in, t_out, *_ = ray_pieces(field.definition, rest, origins, directions)
     order = np.lexsort((t_in, expected_ray))
     expected_ray, expected = expected_ray[order], 0.5 * (t_in + t_out)[order]
     same = np.bincount(ray, minlength=400) == np.bincount(expected_ray, minlength=400)

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from both_networks import evaluate
+from compositing import composite
 
-from deformrf.core.field import modelfile, sigma_from, subtet_corners, unpack_mask
-from deformrf.core.field.encoding import encode_reference
-from deformrf.core.field.networks.reference import evaluate, spherical_harmonics
+from deformrf.core.definition.encoding import encode
+from deformrf.core.definition.networks import geometry, sigma_from, spherical_harmonics
+from deformrf.core.field import modelfile, subtet_corners, unpack_mask
 from deformrf.core.render import (
     Renderer,
     RenderOptions,
@@ -19,7 +21,7 @@ from deformrf.core.render import (
 from deformrf.core.render.rays.entries import Entries
 from deformrf.core.render.rays.marching import empty_rays
 from deformrf.core.render.rounds import cpu
-from deformrf.core.render.rounds.compositing import composite_reference, empty_pixels
+from deformrf.core.render.rounds.compositing import empty_pixels
 from deformrf.core.training.metrics import psnr
 
 SLOTS, RAYS = 16, 700
@@ -55,9 +57,9 @@ def composited(renderer, rays, slots, counts, level_count=None):
     part = renderer.part
     taken = (np.arange(SLOTS) < counts[:, None]).ravel()
     tet, bary = slots.tet.numpy()[taken], slots.bary.numpy()[taken].astype(float)
-    features = encode_reference(
-        part.mesh, part.layout, part.table.astype(float), tet, bary, level_count
-    )
+    encoding = part.definition.encoding
+    encoding = replace(encoding, tables=encoding.tables[:level_count])
+    features = encode(encoding, tet, bary)
     features = np.pad(features, ((0, 0), (0, 4 * part.layout.level_count - features.shape[1])))
     directions = np.repeat(rays.directions.numpy(), counts, axis=0)
     if not part.options.view_dependence:
@@ -70,7 +72,7 @@ def composited(renderer, rays, slots, counts, level_count=None):
     )
     sigma, rgb = evaluate(features, basis, *layers)
     lengths, t = slots.length.numpy()[taken], slots.t.numpy()[taken]
-    return composite_reference(sigma, rgb, lengths.astype(float), t.astype(float), counts)[:3]
+    return composite(sigma, rgb, lengths.astype(float), t.astype(float), counts)[:3]
 
 
 @pytest.mark.parametrize(
@@ -212,7 +214,7 @@ def test_expected_densities_are_those_of_sub_tets_middles(make_ball_field):
     part = renderer.part
     tets, subtets = np.nonzero(unpack_mask(part.occupancy))
     middles = subtet_corners().mean(axis=1)[subtets]
-    expected = sigma_from(part.geometry(tets, middles))
+    expected = sigma_from(geometry(part.definition, tets, middles))
     found = renderer.shading.densities.numpy().reshape(-1, 64)
     clear = (expected > 1e-2) & (expected < 1e4)
     np.testing.assert_allclose(found[tets, subtets][clear], expected[clear], rtol=2e-3, atol=1e-4)

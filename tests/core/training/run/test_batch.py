@@ -5,8 +5,8 @@ import pytest
 import torch
 import warp as wp
 
+from deformrf.core.definition.networks import spherical_harmonics
 from deformrf.core.field import FieldOptions
-from deformrf.core.field.networks.reference import spherical_harmonics
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
 from deformrf.core.training.data.raybank import NO_LIMIT

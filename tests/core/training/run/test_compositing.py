@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
+from compositing import composite
 
 from deformrf.core.field import GEOMETRY_FEATURES
-from deformrf.core.render.rounds.compositing import composite_reference
 from deformrf.core.training.run.compositing import LEAST_TRANSMITTANCE
 from deformrf.core.training.run.differentiable import Composite
 
@@ -24,7 +24,7 @@ def random_samples(ray_count=40, longest=100, channels=3):
 
 
 def test_a_homogeneous_medium_absorbs_exponentially():
-    color, opacity, depth, _ = composite_reference(
+    color, opacity, depth, _ = composite(
         np.full(1000, 2.0),
         np.tile([0.2, 0.4, 0.6], (1000, 1)),
         np.full(1000, 1e-3),
@@ -39,8 +39,8 @@ def test_a_homogeneous_medium_absorbs_exponentially():
 
 def test_splitting_pieces_changes_no_pixel():
     sigma, rgb, length, t, counts = random_samples()
-    whole = composite_reference(sigma, rgb, length, t, counts)
-    halves = composite_reference(
+    whole = composite(sigma, rgb, length, t, counts)
+    halves = composite(
         np.repeat(sigma, 2), np.repeat(rgb, 2, axis=0), np.repeat(length / 2, 2),
         np.repeat(t, 2), 2 * counts,
     )  # fmt: skip
@@ -49,7 +49,7 @@ def test_splitting_pieces_changes_no_pixel():
 
 
 def test_one_opaque_piece_has_only_the_distortion_of_its_own_extent():
-    _, opacity, _, distortion = composite_reference(
+    _, opacity, _, distortion = composite(
         np.array([1e6]), np.ones((1, 3)), np.array([0.3]), np.array([1.0]), np.array([1])
     )
     assert opacity[0] == 1.0
@@ -72,7 +72,7 @@ def on_device(samples, device):
 @pytest.mark.parametrize("channels", [3, GEOMETRY_FEATURES])
 def test_forward_kernel_matches_the_reference(device, channels):
     samples = random_samples(channels=channels)
-    color, opacity, _, distortion = composite_reference(*samples)
+    color, opacity, _, distortion = composite(*samples)
     outputs = Composite.apply(*on_device(samples, device))
     for ours, expected in zip(outputs, (color, opacity, distortion), strict=False):
         np.testing.assert_allclose(ours.detach().cpu(), expected, atol=2e-6)
@@ -101,7 +101,7 @@ def test_gradients_match_finite_differences_of_the_reference(device, channels):
     weights = [rng.normal(size=s) for s in ((12, channels), 12, 12)]
 
     def loss(sigma, rgb):
-        color, opacity, _, distortion = composite_reference(sigma, rgb, length, t, counts)
+        color, opacity, _, distortion = composite(sigma, rgb, length, t, counts)
         return sum(
             (w * x).sum() for w, x in zip(weights, (color, opacity, distortion), strict=True)
         )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deformrf.core.definition.image import render_rays
 from deformrf.core.field import FieldOptions, random_field
 from deformrf.core.geometry import (
     TetMesh,
@@ -19,7 +20,6 @@ from deformrf.core.render import (
     camera_rays,
     from_field_of_view,
     look_at,
-    reference,
 )
 
 BACKGROUND = (0.2, 0.5, 0.9)
@@ -155,7 +155,7 @@ def posed(make_ball_field, device):
 @pytest.mark.parametrize("pose", POSES)
 def test_every_pose_renders_as_defined(assert_conforms, posed, pose):
     field, vertices, view, both, renderer = posed(pose)
-    expected, expected_opacity, _ = reference.render_rays(field, vertices, *both, BACKGROUND)
+    expected, expected_opacity, _ = render_rays(field.definition, vertices, *both, BACKGROUND)
     seen = expected_opacity.mean()
     assert seen < 1e-6 if pose in INVISIBLE else seen > 2e-3
     color, opacity, _ = renderer.render_rays(*both, CONFORMANCE)
@@ -198,7 +198,7 @@ def assert_noticed(device):
         origins = center + spread * rng.normal(size=(300, 3)) - 2.0 * directions
         both = [a.astype(np.float32).astype(float) for a in (origins, directions)]
         color, _, _ = renderer.render_rays(*both, CONFORMANCE)
-        expected, opacity, _ = reference.render_rays(field, vertices, *both, BACKGROUND)
+        expected, opacity, _ = render_rays(field.definition, vertices, *both, BACKGROUND)
         assert opacity.mean() > 0.1
         # Rounding may explain a ray that slips along a face or a mask's edge.
         assert (np.abs(color - expected).max(axis=1) > 2.0 / 255.0).sum() <= 2

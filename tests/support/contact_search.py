@@ -1,92 +1,15 @@
-"""Contact in float64 NumPy: which contacts a frame has, and what they do in a substep.
+"""Which contacts a frame has, in float64 NumPy: what the kernels of core/deform/contact find.
 
-Contacts are inequalities.  With the point y = (1 − s) x_p + s x_q, the triangle a b c, its
-normal n and the barycentric coordinates b of y's projection onto it:
-
-    C = n · (y − Σ b_k x_k) ≥ 0,   the gradients are n times (1 − s, s, −b_a, −b_b, −b_c) = n g_i
-
-Where C < 0 and y is in front of the triangle (or deep inside the body), a substep moves
-
-    x_i += w_i g_i λ n,            λ = (min(C', 0) − C)⁺ / D      no further approach
-    x_i −= w_i g_i u_t min(1, μ λ D / |u_t|) / D                  Coulomb's friction
-    x_i += w_i g_i q n / D         q = min(β p min(p/d, 1), h v)  out of the body, gently
-
-where C' is C at the substep's start, p = (−C')⁺, u_t the part along the triangle of the motion
-Σ g_i Δx_i since then, and D = Σ w_i |g_i| s_i.  All contacts are projected at once: s_i is the
-sum of |g_i| over the active contacts of vertex i, which divide its mass among them in proportion
-to |g_i|.  Then contacts between two rigid bodies together undo an approach exactly, however many
-there are.  The last move also moves the vertex's place at the substep's start, so it doesn't
-become a velocity: whatever the depth, a body isn't thrown out.
-
-Shapes: V vertices, N contacts.
+core/definition/contact.py has what contacts do in a substep.  Shapes: V vertices, S samples of the
+surface, G clusters of tets, L leaves.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
-from ..constraints import CONTACT_SHARE_OUT, CONTACT_SLACK
-from .boxes import AWAKE
-from .clusters import Clusters, barycentric
-from .detection import BESIDE, DEEP, KEPT, LEAST_VOLUME, MOST, NO_FACE
-from .surface import Surface, closest_weights, plane_weights
-
-
-class ContactList(NamedTuple):
-    """The contacts of a frame."""
-
-    vertices: np.ndarray  # [N, 5] p, q, a, b, c
-    shares: np.ndarray  # [N] s
-    bevels: np.ndarray  # [N, 9] and rims and tops; infinite where deep
-    soft_depth: float  # d [m]
-    speed: float  # v, at which a point leaves a body that it is in [m/s]
-
-
-def no_contacts() -> ContactList:
-    return ContactList(np.empty((0, 5), int), np.empty(0), np.empty((0, 9)), 1.0, 0.0)
-
-
-def pushed(contacts: ContactList, x, before, inverse_masses, substep, friction):
-    """Positions now and at the substep's start, after a projection of all contacts.  2 × [V, 3]"""
-    ids, w = contacts.vertices, inverse_masses
-    s = contacts.shares[:, None]
-    point = (1.0 - s) * x[ids[:, 0]] + s * x[ids[:, 1]]
-    a, b, c = (x[ids[:, i]] for i in (2, 3, 4))
-    normal = np.cross(b - a, c - a)
-    area = np.linalg.norm(normal, axis=1)
-    normal /= np.maximum(area, 1e-300)[:, None]
-    height = (normal * (point - a)).sum(axis=1)
-    weights = plane_weights(point - a, b - a, c - a)
-    room = (weights + CONTACT_SLACK) * area[:, None] ** 2
-    behind = (room >= -(height * area)[:, None] * contacts.bevels[:, :3]).all(axis=1)
-    behind &= (weights >= contacts.bevels[:, 3:6]).all(axis=1)
-    behind &= (weights <= contacts.bevels[:, 6:]).all(axis=1)
-    weights = np.maximum(weights, 0.0)
-    weights /= np.maximum(weights.sum(axis=1), 1e-300)[:, None]
-    g = np.concatenate([1.0 - s, s, -weights], axis=1)
-    active = (height < 0.0) & (area > 0.0) & behind
-    loads = np.bincount(ids[active].ravel(), np.abs(g[active]).ravel(), minlength=len(x))
-    total = (loads[ids] * w[ids] * np.abs(g)).sum(axis=1)
-    active &= total > 0.0
-
-    u = (g[:, :, None] * (x - before)[ids]).sum(axis=1)
-    along = (normal * u).sum(axis=1)
-    deep = np.minimum(height - along, 0.0)
-    push = np.maximum(deep - height, 0.0)
-    wanted = -CONTACT_SHARE_OUT * deep * np.minimum(-deep / contacts.soft_depth, 1.0)
-    out = np.minimum(wanted, substep * contacts.speed)
-    sliding = u - along[:, None] * normal
-    slid = np.linalg.norm(sliding, axis=1)
-    held = np.minimum(1.0, friction * push / np.maximum(slid, 1e-300))
-    per_total = np.where(active, 1.0, 0.0) / np.where(active, total, 1.0)
-    impulse = per_total[:, None] * (push[:, None] * normal - held[:, None] * sliding)
-    shift = per_total[:, None] * out[:, None] * normal
-    x, before = x.copy(), before.copy()
-    for j in range(5):
-        share = (w[ids[:, j]] * g[:, j])[:, None]
-        np.add.at(x, ids[:, j], share * (impulse + shift))
-        np.add.at(before, ids[:, j], share * shift)
-    return x, before
+from deformrf.core.deform.contact.boxes import AWAKE
+from deformrf.core.deform.contact.clusters import Clusters, barycentric
+from deformrf.core.deform.contact.detection import BESIDE, DEEP, KEPT, LEAST_VOLUME, MOST, NO_FACE
+from deformrf.core.deform.contact.surface import Surface, closest_weights
 
 
 def boxes(clusters: Clusters, vertices, steps, margin):

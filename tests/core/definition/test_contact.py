@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from deformrf.core.definition.contact import Contacts, push_apart
 from deformrf.core.deform.contact.listing import NO_BEVEL
-from deformrf.core.deform.contact.reference import ContactList, no_contacts, pushed
 
 H = 1e-3
 HELD = np.array([[0.0] * 6 + [1.0] * 3])  # bevels of a triangle without sharp edges
@@ -16,7 +16,7 @@ def one_contact(height, before_height, way=(0.0, 0.0), share=0.0, at=(0.2, 0.3))
     """A vertex (or the middle of an edge) over a triangle, now and at the substep's start."""
     points = np.array([[*at, height], [at[0], at[1], height]])
     before = points + np.array([-way[0], -way[1], before_height - height])
-    contacts = ContactList(
+    contacts = Contacts(
         np.array([[0, 1 if share else 0, 2, 3, 4]]), np.array([share]), HELD, 0.01, 1.0
     )
     return contacts, np.concatenate([points, LOWER]), np.concatenate([before, LOWER])
@@ -41,12 +41,12 @@ def random_contacts():
     x = random.normal(size=(40, 3)) * [1.0, 1.0, 0.1]
     before = x + random.normal(scale=0.01, size=x.shape)
     bevels = np.repeat(DEEP, len(ids), axis=0)
-    return ContactList(ids, shares, bevels, 0.01, 2.0), x, before, random.uniform(0.1, 2.0, 40)
+    return Contacts(ids, shares, bevels, 0.01, 2.0), x, before, random.uniform(0.1, 2.0, 40)
 
 
 def test_momentum_is_conserved():
     contacts, x, before, w = random_contacts()
-    moved, start = pushed(contacts, x, before, w, H, 0.5)
+    moved, start = push_apart(contacts, x, before, w, H, 0.5)
     assert np.abs(moved - x).max() > 1e-3
     for change in (moved - x, start - before):
         np.testing.assert_allclose((change / w[:, None]).sum(axis=0), 0.0, atol=1e-12)
@@ -55,18 +55,18 @@ def test_momentum_is_conserved():
 def test_kinematic_vertices_stay():
     contacts, x, before, w = random_contacts()
     w[20:] = 0.0
-    moved, start = pushed(contacts, x, before, w, H, 0.5)
+    moved, start = push_apart(contacts, x, before, w, H, 0.5)
     assert np.abs(moved[:20] - x[:20]).max() > 1e-3
     np.testing.assert_array_equal(moved[20:], x[20:])
     np.testing.assert_array_equal(start[20:], before[20:])
     w[:] = 0.0
-    np.testing.assert_array_equal(pushed(contacts, x, before, w, H, 0.5)[0], x)
+    np.testing.assert_array_equal(push_apart(contacts, x, before, w, H, 0.5)[0], x)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_a_point_that_comes_through_returns_to_the_triangle(share):
     contacts, x, before = one_contact(-0.01, 0.02, share=share)
-    moved, start = pushed(contacts, x, before, np.array([1.0, 1.0, 2.0, 3.0, 4.0]), H, 0.0)
+    moved, start = push_apart(contacts, x, before, np.array([1.0, 1.0, 2.0, 3.0, 4.0]), H, 0.0)
     assert gap(moved, share) == pytest.approx(0.0, abs=1e-4)
     np.testing.assert_array_equal(start, before)
 
@@ -74,10 +74,10 @@ def test_a_point_that_comes_through_returns_to_the_triangle(share):
 def test_a_point_in_front_or_beside_the_triangle_is_left_alone():
     for height, at in ((0.01, (0.2, 0.3)), (-0.01, (0.7, 0.7)), (-0.01, (-0.1, 0.3))):
         contacts, x, before = one_contact(height, 0.1, at=at)
-        np.testing.assert_array_equal(pushed(contacts, x, before, np.ones(5), H, 1.0)[0], x)
+        np.testing.assert_array_equal(push_apart(contacts, x, before, np.ones(5), H, 1.0)[0], x)
     contacts, x, before = one_contact(-0.01, 0.1, at=(0.7, 0.7))
     contacts = contacts._replace(bevels=DEEP)  # deep: beside it, too
-    assert np.abs(pushed(contacts, x, before, np.ones(5), H, 1.0)[0] - x).max() > 1e-3
+    assert np.abs(push_apart(contacts, x, before, np.ones(5), H, 1.0)[0] - x).max() > 1e-3
 
 
 def test_a_bevel_gives_a_point_near_an_edge_to_the_face_across_it():
@@ -86,23 +86,23 @@ def test_a_bevel_gives_a_point_near_an_edge_to_the_face_across_it():
         contacts, x, before = one_contact(-0.01, 0.01, at=(0.4, inset))
         bevels = HELD + np.eye(9)[2]  # of the edge y = 0
         contacts = contacts._replace(bevels=bevels)
-        moved, _ = pushed(contacts, x, before, np.ones(5), H, 0.0)
+        moved, _ = push_apart(contacts, x, before, np.ones(5), H, 0.0)
         assert (np.abs(moved - x).max() > 1e-3) == mine
 
 
 def test_a_deep_point_comes_out_slowly_and_without_a_velocity():
     w = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
     contacts, x, before = one_contact(-0.1, -0.1)
-    moved, start = pushed(contacts, x, before, w, H, 0.0)
+    moved, start = push_apart(contacts, x, before, w, H, 0.0)
     assert gap(moved) == pytest.approx(-0.1 + H * contacts.speed)
     np.testing.assert_allclose(moved - start, x - before, atol=1e-12)
     contacts, x, before = one_contact(-1e-3, -1e-3)
-    assert gap(pushed(contacts, x, before, w, H, 0.0)[0]) == pytest.approx(-0.96e-3)
+    assert gap(push_apart(contacts, x, before, w, H, 0.0)[0]) == pytest.approx(-0.96e-3)
 
 
 def test_a_body_inside_is_not_held_back_when_it_leaves():
     contacts, x, before = one_contact(-0.05, -0.06)
-    moved, start = pushed(contacts, x, before, np.ones(5), H, 0.5)
+    moved, start = push_apart(contacts, x, before, np.ones(5), H, 0.5)
     np.testing.assert_allclose(moved - start, x - before, atol=1e-12)
 
 
@@ -110,7 +110,7 @@ def test_a_body_inside_is_not_held_back_when_it_leaves():
 def test_friction_undoes_the_way_along_the_triangle_up_to_coulombs_limit(way, friction):
     contacts, x, before = one_contact(-0.01, 0.0, (way, 0.0))
     w = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    moved, _ = pushed(contacts, x, before, w, H, friction)
+    moved, _ = push_apart(contacts, x, before, w, H, friction)
     left = moved[0, 0] - before[0, 0]
     assert left == pytest.approx(max(way - friction * 0.01, 0.0), abs=1e-12)
 
@@ -131,11 +131,9 @@ def test_rigid_bodies_stop_exactly_however_many_contacts_they_have():
         if v - b > u - a:
             corners = [(a, b), (a + 1, b + 1), (a, b + 1)]
         ids.append([i, i, *(count + 4 * q + p for p, q in corners)])
-    contacts = ContactList(
-        np.array(ids), np.zeros(count), np.repeat(HELD, count, axis=0), 0.01, 1.0
-    )
+    contacts = Contacts(np.array(ids), np.zeros(count), np.repeat(HELD, count, axis=0), 0.01, 1.0)
     w = np.full(len(x), 2.0)
-    moved, _ = pushed(contacts, x, before, w, H, 0.0)
+    moved, _ = push_apart(contacts, x, before, w, H, 0.0)
     change = ((moved - x) / w[:, None])[:, 2]
     assert change[:count].sum() == pytest.approx(-change[count:].sum())
     # Each divides its own mass: the relative approach along each contact is undone on average.
@@ -148,4 +146,5 @@ def test_rigid_bodies_stop_exactly_however_many_contacts_they_have():
 
 def test_no_contacts_change_nothing():
     x = np.random.default_rng().normal(size=(5, 3))
-    np.testing.assert_array_equal(pushed(no_contacts(), x, x - 0.1, np.ones(5), H, 0.5)[0], x)
+    none = Contacts(np.empty((0, 5), int), np.empty(0), np.empty((0, 9)), 1.0, 0.0)
+    np.testing.assert_array_equal(push_apart(none, x, x - 0.1, np.ones(5), H, 0.5)[0], x)

@@ -1,0 +1,44 @@
+"""The coarse mesh: tets of the A15 lattice, and an integer address for every vertex.
+
+    dx                    spacing of the lattice, model units; 0.02 in DeformRF, section 4.1
+    addresses [V, 3] int  rest position = (address - MARGIN) dx; so none is negative
+    tets      [T, 4] int  ids of the four corners; the volume at rest is positive
+
+Model space is the unit cube; z is up.  A15 fills space with acute tets; a period of 4 dx
+has 8 vertices and 46 tets.  Two vertices are joined if they are √4, √5 or √6 dx apart.
+Four vertices of which each two are joined are the corners of a tet.
+
+Training begins with the tets of all periods that meet the unit cube, and keeps those that hold
+something.  The corners of a tet may stand in any order that leaves its volume positive; training
+takes the one in which its descendants (subdivision.py) have the best shapes.
+"""
+
+from itertools import product
+
+import numpy as np
+
+PERIOD = 4
+PERIOD_VERTICES = np.array(
+    [[0, 0, 0], [2, 2, 2], [1, 2, 0], [3, 2, 0], [0, 1, 2], [0, 3, 2], [2, 0, 1], [2, 0, 3]]
+)
+SQUARED_EDGES = 4, 5, 6
+MARGIN = 4
+
+
+def period_tets():
+    """The 46 tets whose lowest corner (by x, then y, then z) is in one period.  [46, 4, 3] int"""
+    shifts = PERIOD * np.array(list(product((-1, 0, 1), repeat=3)))
+    vertices = np.array(sorted((PERIOD_VERTICES + shifts[:, None]).reshape(-1, 3).tolist()))
+    squared = ((vertices[:, None] - vertices) ** 2).sum(axis=-1)
+    joined = np.triu(np.isin(squared, SQUARED_EDGES))  # [a, b]; b is higher than a
+    tets = [
+        (a, b, c, d)
+        for a in np.flatnonzero(((vertices >= 0) & (vertices < PERIOD)).all(axis=1))
+        for b in np.flatnonzero(joined[a])
+        for c in np.flatnonzero(joined[a] & joined[b])
+        for d in np.flatnonzero(joined[a] & joined[b] & joined[c])
+    ]
+    corners = vertices[np.array(tets)]
+    mirrored = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
+    corners[mirrored] = corners[mirrored][:, [0, 1, 3, 2]]
+    return corners
