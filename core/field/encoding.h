@@ -1,4 +1,4 @@
-// The features of some samples, on a CPU: `encode_reference` with the lanes of a vector side by
+// The features of some samples, on a CPU: `encode` of core/definition with the lanes of a vector side by
 // side.  Bodies of functions include this text (native.py) after lanes.h, with the names samples,
 // tables, table, words and hashed_start (of a NativeBytes).
 //
