@@ -2,7 +2,7 @@
 
     p, q, s        the point y = (1 − s) x_p + s x_q; a vertex has p = q and s = 0
     a, b, c        the triangle; n its unit normal, out of the body
-    b_a, b_b, b_c  barycentric coordinates in it of y's projection
+    b_a, b_b, b_c  barycentric coordinates in it of y's projection; in g none is below 0, sum 1
     C              height of y above the triangle [m], which a contact wants to be ≥ 0
     g              (1 − s, s, −b_a, −b_b, −b_c); the gradients of C are g_i n
     C', u          C at the substep's start, and Σ g_i Δx_i, the relative motion since then [m]

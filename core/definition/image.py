@@ -6,9 +6,9 @@
     σ, h, color            at a point (networks.py);  Δ, the field's `piece_length`
     R rays, N pieces of rays
 
-1. Pieces.  A ray is in a tet while no coordinate of α(t) is negative.  Each tet cuts its own
-   interval of the ray, from its own entry, into pieces of length Δ at rest, the last one shorter.
-   A step of 1 in t is |F⁻¹d| long at rest.
+1. Pieces.  A ray, t ≥ 0, is in a tet while no coordinate of α(t) is negative.  Each tet cuts its
+   own interval of the ray, from its own entry, into pieces of length Δ at rest, the last one
+   shorter.  A step of 1 in t is |F⁻¹d| long at rest.
 2. Values.  σ is constant on a piece: that of its middle, and 0 where the mask says so.  So is its
    color c, which the color network gives for h and the direction at rest, Qᵀd.  Where a ray has
    one color, h and Qᵀd themselves are constant on a piece.
@@ -103,11 +103,10 @@ def pieces_of_ray(tets: Deformation, ray, o, d, piece_length) -> Pieces:
 
 
 def crossed_tets(tets: Deformation, o, d):
-    """Where a ray is in which tets that haven't faded out.
+    """The tets that a ray crosses: ids, t at entry (≥ 0) and exit [K], α at t = 0, dα/dt [K, 4].
 
     A ray within a face that two tets share belongs to the one that it is in when it is moved by
-    ASIDE: pieces in both would double the density.  Returns ids [K], t at entry (0 if the ray
-    begins inside) and at exit [K], α at t = 0 and the slope dα/dt [K, 4].
+    ASIDE: pieces in both would double the density.  Tets that have faded out are left out.
     """
     linear = tets.gradients[:, :, :3]
     alpha, slope = linear @ o + tets.gradients[:, :, 3], linear @ d

@@ -1,12 +1,12 @@
 """The coarse mesh: tets of the A15 lattice, and an integer address for every vertex.
 
     dx                    spacing of the lattice, model units; 0.02 in DeformRF, section 4.1
-    addresses [V, 3] int  rest position = (address - MARGIN) dx; so none is negative
+    addresses [V, 3] int  of vertices: position at rest = (address − MARGIN) dx; none is negative
     tets      [T, 4] int  ids of the four corners; the volume at rest is positive
 
-Model space is the unit cube; z is up.  A15 fills space with acute tets; a period of 4 dx
-has 8 vertices and 46 tets.  Two vertices are joined if they are √4, √5 or √6 dx apart.
-Four vertices of which each two are joined are the corners of a tet.
+Model space is the unit cube; z is up.  A15 fills space with acute tets.  It repeats every 4 dx,
+with 8 vertices and 46 tets.  Two vertices are joined if they are √4, √5 or √6 dx apart; four
+vertices of which each two are joined are the corners of a tet.
 
 Training begins with the tets of all periods that meet the unit cube, and keeps those that hold
 something.  The corners of a tet may stand in any order that leaves its volume positive; training

@@ -24,12 +24,12 @@ descendants in which nothing was seen are left out.  Stage 2 trains the others, 
 
 import numpy as np
 
-from .image import NEGLIGIBLE
 from .networks import color_logits, sigmoid
 
 DISTORTION_WEIGHT = 1e-2
 EXCESS_WEIGHT = 1e-5
 MOST_LOGIT = 8.0  # a color a tenth of 1/255 from 0 or 1
+SMALLEST_OPACITY = 1e-3  # the least divisor: a smaller one has hardly a color
 
 
 def distortion(w, t, length):
@@ -39,7 +39,7 @@ def distortion(w, t, length):
 
 def ray_colors_and_excess(sums, opacity, directions, color_layers):
     """Colors times opacity [R, 3], and X [R], of rays with one color each: Σwh [R, 16], Σw [R]."""
-    h = sums / np.maximum(opacity, NEGLIGIBLE)[:, None]
+    h = sums / np.maximum(opacity, SMALLEST_OPACITY)[:, None]
     logits = color_logits(h, directions, color_layers)
     excess = opacity * (np.maximum(np.abs(logits) - MOST_LOGIT, 0.0) ** 2).sum(axis=1)
     return opacity[:, None] * sigmoid(logits), excess

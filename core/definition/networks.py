@@ -80,7 +80,7 @@ def sigmoid(x):
 
 
 def spherical_harmonics(directions):
-    """Y of unit vectors: an orthonormal basis of functions on the sphere.  [N, 3] -> [N, 16]"""
+    """Y_lm of unit vectors, orthonormal, l = 0..3, m = −l..l, signs (−1)^m.  [N, 3] -> [N, 16]"""
     x, y, z = directions.T
     xx, yy, zz = x * x, y * y, z * z
     functions = (

@@ -9,8 +9,8 @@
     C, g_i             a constraint, and its gradients ∂C/∂x_i;   w̄ = Σ w_i |g_i|² at rest
     α, a               its compliance, and what stands for α/h² in a projection
 
-    edge      C = |x_i − x_j| − L     α = L² / (15 μ V_e) [m/N]    g = ± (x_i − x_j) / |x_i − x_j|
-    volume    C = 6 (V − V0)          α = 36 V0 / K [m⁵/N]         g of corners: crossed edges
+    edge      C = |x_i − x_j| − L   α = L² / (15 μ V_e) [m/N]   g_i = (x_i − x_j)/|x_i − x_j| = −g_j
+    volume    C = 6 (V − V0)        α = 36 V0 / K [m⁵/N]        g_1 = (x_2 − x_0) × (x_3 − x_0), ...
 
 Edges alone are, on average over directions, a solid of ν = ¼; volumes add what more ν needs.  A
 substep:
@@ -112,7 +112,7 @@ def project_edges(x, w, edges: Constraints):
 
 
 def fixed_directions(ids):
-    """A pseudo-random unit vector for each edge, by its place in the list.  [E] int -> [E, 3]"""
+    """Unit vectors, evenly spread: z and angle are halves of a hash.  [E] int -> [E, 3]"""
     bits = (ids.astype(np.uint32) + np.uint32(1)) * np.uint32(2654435761)
     bits ^= bits >> np.uint32(16)
     bits *= np.uint32(2246822519)

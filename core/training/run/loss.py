@@ -25,12 +25,11 @@ numbers as there are features, noise matters little, and the term would only cos
 
 import torch
 
+from ...definition.loss import EXCESS_WEIGHT
 from .batch import Batch
 from .sample_limits import SampleLimits
 from .surroundings import over, surrounded_cost
 from .training_field import TrainingField
-
-EXCESS_WEIGHT = 1e-5  # docs/trials.md has what else was tried
 
 
 def training_loss(

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 import warp as wp
 
+from ...definition.loss import MOST_LOGIT, SMALLEST_OPACITY
 from ...field import (
     FEATURES,
     GEOMETRY_FEATURES,
@@ -40,9 +41,7 @@ EMPTY_THICKNESS = 1e-4  # below it is empty, even where everything is as thin
 OCCUPANCY_DECAY = 0.95  # of the thickness per update: space that got empty stays some 60 updates
 UPDATE_CHUNK, SMALLEST_CHUNK = 1 << 20, 1 << 10  # sub-tets evaluated at once
 LOOK_RAYS, SMALLEST_LOOK = 1 << 14, 1 << 6  # rays traced at once to find what none of them sees
-SMALLEST_OPACITY = 1e-3  # of a ray whose means are taken: a smaller one has hardly a color
 INITIAL_CONTRAST = 1e-4  # of the features: the field starts smooth
-MOST_LOGIT = 8.0  # of a color, a tenth of 1/255 from 0 or 1; what is beyond costs, see loss.py
 
 wp.set_module_options({"enable_backward": False})
 
