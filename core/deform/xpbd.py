@@ -2,8 +2,8 @@
 
 One frame of length dt is n substeps of length h = dt/n (Macklin et al., "Small Steps in
 Physics Simulation", 2019); core/definition/solver.py defines a substep.  This module runs on the
-host, in float64: it converts the user's actions into the contents of arrays (arrays.py), and chooses
-the parts of the mesh to work on.  frame/ runs frames on these arrays.
+host, in float64: it converts the user's actions into the contents of arrays (arrays.py), and
+chooses the parts of the mesh to work on.  frame/ runs frames on these arrays.
 
 Units: SI; model space is one meter wide.  Shapes: V vertices, E edges, T tets, K handles.
 A part is a connected component of the mesh.
