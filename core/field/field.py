@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..definition import networks as definition
+from ..definition.networks import Field as DefinedField
 from ..geometry import TetMesh
 from .grid import Surroundings
 from .layout import FEATURES, Layout, encoding_of, make_layout
@@ -62,9 +62,9 @@ class TetField:
         assert self.table.shape == (self.layout.offsets[-1], FEATURES), self.table.shape
 
     @cached_property
-    def definition(self) -> definition.Field:
+    def definition(self) -> DefinedField:
         """The same for core/definition, in float64."""
-        return definition.Field(
+        return DefinedField(
             rest_vertices=self.mesh.rest_vertices,
             tets=self.mesh.tets,
             masks=self.occupancy,
