@@ -2,10 +2,12 @@
 
     p, q, s        the point y = (1 − s) x_p + s x_q; a vertex has p = q and s = 0
     a, b, c        the triangle; n its unit normal, out of the body
-    b_a, b_b, b_c  barycentric coordinates in it of y's projection; in g none is below 0, sum 1
+    b_a, b_b, b_c  barycentric coordinates in it of y's projection; for g, those below 0 become 0,
+                   and all are divided by their sum
     C              height of y above the triangle [m], which a contact wants to be ≥ 0
     g              (1 − s, s, −b_a, −b_b, −b_c); the gradients of C are g_i n
-    C', u          C at the substep's start, and Σ g_i Δx_i, the relative motion since then [m]
+    u              Σ g_i Δx_i, the relative motion since the substep's start [m]
+    C'             C − n · u: to first order, the height at the substep's start
     D              Σ w_i |g_i| l_i over the five vertices;  w inverse masses [1/kg]
     h, μ           substep [s], Coulomb's coefficient;  N contacts, V vertices
 
@@ -13,14 +15,15 @@ A contact is active while C < 0 and y is behind its triangle and no other (`is_b
 
     x_i ← x_i + w_i g_i λ n,           λ = (min(C', 0) − C)⁺ / D        no further approach
     x_i ← x_i − w_i g_i u_t min(1, μ λ D / |u_t|) / D                   friction
-    x_i ← x_i + w_i g_i r n / D,       r = min(β p min(p/d, 1), h v)    out of the body, gently
+    x_i ← x_i + w_i g_i r n / D,       r = min(β e min(e/d, 1), h v)    out of the body, gently
 
-with u_t the part of u along the triangle, p = (−C')⁺, β = 0.4, a depth d and a speed v.  The third
+with u_t the part of u along the triangle, e = (−C')⁺, β = 0.4, a depth d and a speed v.  The third
 move also moves the places at the substep's start: it becomes no velocity, and throws no body out.
 
 All are projected from the same positions.  A vertex divides its mass among its active contacts in
-proportion to |g_i|: l_i is the sum of its |g_i| over them.  So rigid bodies stop exactly, however
-many contacts they have.  (core/deform/contact finds the contacts of a frame.)
+proportion to |g_i|: l_i is the sum of its |g_i| over them.  Its copy in one contact has the inverse
+mass w_i l_i / |g_i|, and it moves by the mean of its copies' moves, weighted by their masses, which
+is the sum of w_i g_i λ n.  So rigid bodies stop exactly, however many contacts they have.
 """
 
 from typing import NamedTuple
@@ -33,7 +36,7 @@ TINY = 1e-300  # in place of a divisor of 0
 
 
 class Contacts(NamedTuple):
-    """The contacts of a frame."""
+    """The contacts of a frame, as core/deform/contact finds them."""
 
     vertices: np.ndarray  # [N, 5] int p, q, a, b, c
     shares: np.ndarray  # [N] s
@@ -61,7 +64,7 @@ def push_apart(contacts: Contacts, x, before, w, h, friction):
     per_total = np.where(active & (total > 0.0), 1.0 / np.where(total > 0.0, total, 1.0), 0.0)
     u = (g[:, :, None] * (x - before)[ids]).sum(axis=1)
     approach = (normal * u).sum(axis=1)  # C − C'
-    start = np.minimum(height - approach, 0.0)  # −p
+    start = np.minimum(height - approach, 0.0)  # −e
     push = np.maximum(start - height, 0.0)  # λ D
     wanted = -CONTACT_SHARE_OUT * start * np.minimum(-start / contacts.soft_depth, 1.0)
     out = np.minimum(wanted, h * contacts.speed)  # r
@@ -82,10 +85,11 @@ def is_behind(bevels, corners, height, area):
     A point of depth δ = −C is nearer to that face unless its projection is more than δ k from the
     edge, k = tan(θ/2) and θ the angle between the normals.  That distance is the coordinate of the
     opposite corner, of `corners` [N, 3], times `area` [N] over the edge's length.  `bevels` [N, 9]
-    are k times that length, the least and the largest coordinate, of three corners each.
+    are k times that length, and the least and the largest coordinate, of three corners each: beside
+    a sharp edge is a rim without contacts, or bodies that slide over another would hit its edges.
     """
-    room = (corners + CONTACT_SLACK) * area[:, None] ** 2
-    behind = (room >= -(height * area)[:, None] * bevels[:, :3]).all(axis=1)
+    distance = (corners + CONTACT_SLACK) * area[:, None] ** 2
+    behind = (distance >= -(height * area)[:, None] * bevels[:, :3]).all(axis=1)
     behind &= (corners >= bevels[:, 3:6]).all(axis=1)
     return behind & (corners <= bevels[:, 6:]).all(axis=1)
 

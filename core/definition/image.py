@@ -12,7 +12,8 @@
 2. Values.  σ is constant on a piece: that of its middle, and 0 where the mask says so.  So is its
    color c, which the color network gives for h and the direction at rest, Qᵀd.  Where a ray has
    one color, h and Qᵀd themselves are constant on a piece.
-3. Extinction.  κ = s σ |F⁻¹d| per unit of t.  So a shell keeps its opacity when it is stretched.
+3. Extinction.  κ = s σ |F⁻¹d| per unit of t.  So a tet is as opaque as at rest,
+   however far it is stretched.
 4. Sum.  The ends of all pieces of a ray cut it into intervals.  Within one, of length dt and with
    transmittance T in front of it, the media of the pieces that cover it add up:
 
@@ -35,9 +36,9 @@ from .deformation import Deformation, deformation
 from .networks import GEOMETRY_FEATURES, Field, colors, geometry, is_occupied, sigma_from
 
 ROUNDING = 1e-12  # relative; a smaller α or slope is 0
-ASIDE = 2e-6 * np.array([0.4124, 0.5763, 0.7056])  # where a ray within a face is moved to
+ASIDE = 2e-6 * np.array([0.4124, 0.5763, 0.7056])  # how far a ray within a face is moved
 NEGLIGIBLE = 1e-6  # the least divisor: an opacity, or the length of a mean direction
-DARK = 1e-9  # a smaller Σκ has no color
+DARK = 1e-9  # a smaller Σκ counts as 0
 AT_ONCE = 1 << 18  # pieces whose values are computed together: bounds the memory
 
 
@@ -105,8 +106,8 @@ def pieces_of_ray(tets: Deformation, ray, o, d, piece_length) -> Pieces:
 def crossed_tets(tets: Deformation, o, d):
     """The tets that a ray crosses: ids, t at entry (≥ 0) and exit [K], α at t = 0, dα/dt [K, 4].
 
-    A ray within a face that two tets share belongs to the one that it is in when it is moved by
-    ASIDE: pieces in both would double the density.  Tets that have faded out are left out.
+    A ray within a face (α and slope 0) that two tets share belongs to the tet that it is in when it
+    is moved by ASIDE: pieces in both would double the density.  Faded tets are left out.
     """
     linear = tets.gradients[:, :, :3]
     alpha, slope = linear @ o + tets.gradients[:, :, 3], linear @ d
@@ -140,7 +141,7 @@ def piece_values(field: Field, pieces: Pieces):
 
 
 def sum_along(kappa, values, t_in, t_out):
-    """Line 4 for the pieces of one ray: Σw values [C], opacity Σw and depth Σwt / Σw."""
+    """Line 4 for the pieces of one ray: Σw values [C], Σw, and Σwt / Σw, t the middles."""
     ends, places = np.unique(np.concatenate([t_in, t_out]), return_inverse=True)
     starts, stops = np.split(places, 2)
     # Σκ and Σκ·values of the intervals: a piece adds its own at its start, removes it at its stop

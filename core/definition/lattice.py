@@ -1,6 +1,6 @@
 """The coarse mesh: tets of the A15 lattice, and an integer address for every vertex.
 
-    dx                    spacing of the lattice, model units; 0.02 in DeformRF, section 4.1
+    dx                    a quarter of the lattice's period, model units; 0.02 in DeformRF, 4.1
     addresses [V, 3] int  of vertices: position at rest = (address − MARGIN) dx; none is negative
     tets      [T, 4] int  ids of the four corners; the volume at rest is positive
 

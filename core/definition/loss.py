@@ -18,8 +18,9 @@ At rest tets don't overlap, so a pixel is Eq. 1 of the paper.  A batch costs
 The background is white, or random for each ray: so empty space learns to be empty.  X keeps colors
 where the sigmoid has a slope; its Σw is a constant, from which no opacity learns.
 
-Stage 1 trains the whole grid, with at most four levels and pieces twice as long.  Tets and masked
-descendants in which nothing was seen are left out.  Stage 2 trains the others, with all levels.
+Stage 1 trains the whole grid, with at most four levels and pieces twice as long.  Then tets in
+which nothing was seen go; in the others, masks say where nothing was seen.  Stage 2 trains these
+tets anew, with all levels.
 """
 
 import numpy as np

@@ -12,7 +12,7 @@
     color = sigmoid(color network(h, Y(d)))
 
 A network is a tuple of layers (weights [in, out], bias [out]) with ReLU between them.  Density has
-one hidden layer, where the paper has three with sigmoid.  e¹⁵ is opaque within any piece of a ray.
+one hidden layer, the paper's three with a sigmoid each.  e¹⁵ is opaque within any piece of a ray.
 """
 
 from dataclasses import dataclass

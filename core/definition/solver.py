@@ -3,9 +3,9 @@
     x, v      [V, 3]   positions [m], velocities [m/s]
     w         [V]      inverse masses [1/kg]; a vertex of w = 0 is held, or taken along a path
     h, δ               length of a substep [s], damping [1/s]
-    μ, K               E / (2 (1 + ν)), and μ (4ν − 1) / (1 − 2ν), of a solid with Young's modulus
-                       E [Pa] and Poisson's ratio ν ≥ ¼
-    V0, V_e            rest volume of a tet, and a sixth of those of the tets at an edge [m³]
+    μ, K               shear modulus E / (2 (1 + ν)), and Lamé's λ − μ = μ (4ν − 1) / (1 − 2ν), of a
+                       solid with Young's modulus E [Pa] and Poisson's ratio ν ≥ ¼
+    V0, V_e            rest volume of a tet, and a sixth of the sum of V0 of an edge's tets [m³]
     C, g_i             a constraint, and its gradients ∂C/∂x_i;   w̄ = Σ w_i |g_i|² at rest
     α, a               its compliance, and what stands for α/h² in a projection
 
@@ -22,13 +22,12 @@ substep:
         a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, 0.05 w̄)
 
     λ starts from 0 in each substep, so it is not kept (Macklin 2019).  A sweep over constraints
-    softens each, to first order as ½ w̄ h² of compliance would; a takes that off, and a measured
-    term of second order.  With less than the floor, stiff bodies tangle.
+    softens each, to first order as ½ w̄ h² of compliance would; a takes that off, and a term of
+    second order.  Its factor 0.07 and the floor 0.05 were measured: below it, stiff bodies tangle.
 3.  Contacts (contact.py).
 4.  v ← (x − x before the substep) / h
 
-(core/deform adds springs for soft handles, a ground, colliders, wind, damping that spares rigid
-motion, factors for α of edges, braces, and lets fewer tets hold K.)
+(core/deform adds springs for soft handles, a ground, colliders, wind and more.)
 """
 
 from dataclasses import dataclass
@@ -94,7 +93,8 @@ def predict(x, v, w, targets, h, speed_limit):
 def project_edges(x, w, edges: Constraints):
     """Positions after a projection of every edge.
 
-    An edge of length 0 has no direction and takes a fixed one: a collapsed body opens again.
+    An edge of length 0 has no direction and takes one that its place in `edges` fixes: a collapsed
+    body opens again.
     """
     for first, last in pairwise(edges.offsets):
         i, j = edges.vertices[first:last].T
@@ -175,11 +175,11 @@ def edge_constraints(rest, tets, shear_modulus, w, h) -> Constraints:
     return by_color(ends, lengths, regularization(compliances, w[ends].sum(axis=1), h))
 
 
-def volume_constraints(rest, tets, bulk_modulus, w, h) -> Constraints:
+def volume_constraints(rest, tets, k, w, h) -> Constraints:
     """The volumes of all tets, for a material of K > 0, in substeps of h."""
     volumes = 6.0 * signed_volumes(rest, tets)
     w_bar = (w[tets] * (volume_gradients(rest, tets) ** 2).sum(-1)).sum(axis=1)
-    return by_color(tets, volumes, regularization(6.0 * volumes / bulk_modulus, w_bar, h))
+    return by_color(tets, volumes, regularization(6.0 * volumes / k, w_bar, h))
 
 
 def regularization(compliances, w_bar, h):
