@@ -47,7 +47,7 @@ from .networks.basis import (
     basis_vector as basis_vector,
 )
 from .networks.shapes import GEOMETRY_FEATURES as GEOMETRY_FEATURES
-from .networks.cpu import (
+from .networks.layers import (
     LAYERS_H as LAYERS_H,
     NATIVE_VALUES as NATIVE_VALUES,
     NETWORK_BLOCK as NETWORK_BLOCK,
@@ -66,7 +66,10 @@ from .networks.density_rows import (
     sigma_in_room as sigma_in_room,
 )
 from .networks.torch import TorchNetworks as TorchNetworks
-from .networks.dispatch import evaluators as evaluators
+from .networks.dispatch import (
+    evaluators as evaluators,
+    torch_finds_a_gpu as torch_finds_a_gpu,
+)
 from .networks.mma import networks_kernel as networks_kernel
 from .occupancy import (
     SUBTET_COUNT as SUBTET_COUNT,

@@ -23,6 +23,7 @@ from ..field import (
     make_tables,
     node_table,
     subtet_corners,
+    torch_finds_a_gpu,
     unpack_mask,
 )
 from .deferred import color_rays, colors_in_place, values_kernel
@@ -40,8 +41,8 @@ class Shading:
 
     Attributes:
         table: Its entries in float32; on CUDA None until they are needed.
-        on_cpu: Its native code, on a CPU alone.
-        in_place: That of the `evaluators`, for rounds that do not wait for the host.
+        on_cpu: Its native code; None on CUDA.
+        in_place: That of the `evaluators`, for rounds that do not wait for the host; None on a CPU.
     """
 
     def __init__(self, field: TetField, rotations, device):
@@ -49,9 +50,11 @@ class Shading:
         self.field, self.rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
         self.table = self._half_tables = None
-        self._networks = evaluators(field, device)
-        self.in_place = self._networks.in_place
-        if not device.is_cuda:
+        self.in_place = self.on_cpu = None
+        if device.is_cuda:
+            self._networks = evaluators(field, device)
+            self.in_place = self._networks.in_place
+        else:
             self._upload_table()
             self.on_cpu = CpuShader(self)
 
@@ -60,8 +63,13 @@ class Shading:
 
         The values are colors, vec3; of a field with one color a ray they are ray_sums.
         """
+        if self.on_cpu is not None:
+            return self.on_cpu.values(rays, found, options)
         if self.in_place is not None and options.half:
             return self._shade_half(rays, found, options, stage)
+        if self._host is not None:
+            with stage("networks"):
+                return self._shade_on_host(rays, found, options)
         with stage("encode"):
             features = self.encode(found.samples, options.level_count)
         with stage("networks"):
@@ -74,11 +82,32 @@ class Shading:
         """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
         if not self.field.options.deferred:
             return
+        if self.on_cpu is not None:
+            self.on_cpu.color(ids, pixels, options)
+            return
         if self.in_place is not None and options.half:
             colors = colors_in_place(self.in_place)
+        elif self._host is not None:
+            copied = pixels.to("cpu")
+            self._host.on_cpu.color(ids.to("cpu"), copied, options)
+            wp.copy(pixels.color, copied.color)
+            return
         else:
             colors = partial(self._networks.colors, half=options.half)
         color_rays(colors, self.field.options.view_dependence, ids, pixels)
+
+    @cached_property
+    def _host(self):
+        """Of the same field on the host, where only torch could evaluate networks and can't."""
+        if torch_finds_a_gpu():
+            return None
+        rotations = wp.empty(len(self.rotations), dtype=wp.mat33, device="cpu")
+        return Shading(self.field, rotations, rotations.device)
+
+    def _shade_on_host(self, rays, found, options):
+        wp.copy(self._host.rotations, self.rotations)
+        shaded = self._host.on_cpu.values(rays.to("cpu"), found.to("cpu"), options)
+        return tuple(array.to(self.device) for array in shaded)
 
     @cached_property
     def densities(self):

@@ -17,7 +17,6 @@ sys.exit(pytest.main(["-qrs", "-p", "no:cacheprovider", "-p", "no:xdist", *sys.a
 FILES = [
     Path(__file__).parents[1] / "core" / name
     for name in (
-        "field/networks/test_networks.py",
         "render/rays/test_raster.py",
         "render/rounds/test_cpu.py",
         "render/rays/test_cpu_march.py",

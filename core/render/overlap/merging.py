@@ -107,8 +107,7 @@ class PieceMerger:
 class Pieces:
     """Pieces of some rays, ray after ray."""
 
-    found: RaySamples  # [M] rays, [N] pieces
-    rates: wp.array(dtype=float)  # [N] s |F^-1 d|, κ / σ
+    found: RaySamples  # [M] rays, [N] pieces, whose length is s |F^-1 d|: κ / σ
     places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is room for the sort
     switches: wp.array(dtype=int)  # [4 N] 2 n where piece n begins, 2 n + 1 where it ends
     first_switches: wp.array(dtype=int)  # [M] index of each ray's first one
@@ -121,7 +120,6 @@ def empty_pieces(count: int, ids, counts) -> Pieces:
     pieces.found.ends = wp.empty(ray_count, dtype=int, device=device)
     wp.utils.array_scan(counts, pieces.found.ends, inclusive=True)
     pieces.found.samples = empty_samples(count, device)
-    pieces.rates = wp.empty(count, dtype=float, device=device)
     pieces.places = wp.empty(4 * count, dtype=float, device=device)
     pieces.switches = wp.empty(4 * count, dtype=int, device=device)
     pieces.first_switches = wp.empty(ray_count, dtype=int, device=device)
@@ -135,17 +133,14 @@ def write_piece(
     n: int,
     tet: int,
     bary: wp.vec4,
-    fade: float,
-    speed: float,
+    rate: float,
     low: float,
     high: float,
 ):
     samples = pieces.found.samples
     samples.tet[n] = tet
     samples.bary[n] = bary
-    samples.length[n] = fade * speed * (high - low)
-    samples.t[n] = 0.5 * (low + high)
-    pieces.rates[n] = fade * speed
+    samples.length[n] = rate
     pieces.places[2 * n] = low
     pieces.places[2 * n + 1] = high
     pieces.switches[2 * n] = 2 * n
@@ -198,8 +193,7 @@ def pieces_kernel(
                                 first + count,
                                 tet,
                                 bary,
-                                fade,
-                                speed,
+                                fade * speed,
                                 t_in + low / speed,
                                 t_in + high / speed,
                             )
@@ -209,7 +203,7 @@ def pieces_kernel(
         counts[i] = count
     else:  # if rounding found fewer pieces this time, empty ones fill the room
         while count < limit:
-            write_piece(pieces, first + count, 0, wp.vec4(1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+            write_piece(pieces, first + count, 0, wp.vec4(1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
             count += 1
 
 
@@ -279,6 +273,7 @@ def merge_kernel(
     """Running sums along each ray: line 4 of the definition."""
     i = wp.tid()
     ray = pieces.found.ids[i]
+    samples = pieces.found.samples
     e = pieces.first_switches[i]
     last = pieces.last_switches[i]
     kappa = wp.float64(0.0)  # of the media that are switched on
@@ -299,11 +294,11 @@ def merge_kernel(
         previous = t
         n = pieces.switches[e] / 2
         sign = wp.float64(1 - 2 * (pieces.switches[e] % 2))
-        medium = sign * wp.float64(sigma[n]) * wp.float64(pieces.rates[n])
+        medium = sign * wp.float64(sigma[n]) * wp.float64(samples.length[n])
         kappa += medium
         emission += medium * double(values[n])
         if surface < 0 and transmittance < wp.float64(0.5):
-            surface = pieces.found.samples.tet[n]
+            surface = samples.tet[n]
         e += 1
     sums[ray] = single(total)
     pixels.depth[ray] = float(depth)

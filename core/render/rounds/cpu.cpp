@@ -307,8 +307,9 @@ auto finish_chunk = [&]() {
         encode(slots, count, level_count, places, corners, features, CHUNK);
         find_densities(count);
     }
-    if (shading.kept.shape[0] > 0) {
-        for (int i = 0; i < count; ++i) shading.kept.data[slots[i]] = kept[i];
+    if (shading.extinctions.shape[0] > 0)
+        for (int i = 0; i < count; ++i) shading.extinctions.data[slots[i]] = kept[i];
+    if (pixels.color.shape[0] == 0) {  // nothing else is wanted
         run_count = count = 0;
         return;
     }

@@ -7,6 +7,7 @@ evaluated only for samples with a noticeable weight, or once a ray (../deferred.
 Shapes: R rays, K slots per ray, T tets.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,17 +28,16 @@ from ...field import (
 )
 from ..rays.cpu_march import lattice_paths, march_some
 from ..rays.entries import Entries
-from ..rays.marching import Rays, Samples, empty_samples
+from ..rays.marching import Rays, RaySamples, Samples, empty_rays, empty_samples
 from ..rays.pose import Geometry, Pose
 from ..render_options import RenderOptions
-from .compositing import Pixels
+from .compositing import Pixels, empty_pixels
 
 CHUNK = 10 * NETWORK_BLOCK  # samples that are shaded together; a multiple of a vector's lanes
 ROUND_SLOTS = (16, 8, 8, 8, 16, 32, 64, 128)  # K by round, at most: most rays end after 12 samples
 SLOTS = 1 << 14  # that are marched and then shaded: they stay in a core's cache
 LEAST_WEIGHT = 4e-3  # of a color in default mode: a step of a byte
 SAMPLE_BYTES = 272  # of scratch, beside features
-SHORT = 1.0e-3  # length of a sample whose opacity tells its σ
 FAR = 1.0e30  # a t behind everything
 SMALLEST = 1.0e-6  # divisor: an opacity, or the length of a sum of directions
 
@@ -65,7 +65,7 @@ class NativeShading:
     stop: float  # transmittance below which a ray ends
     closing: int  # 1: behind its end a ray looks as before it; 0: black
     least_weight: float  # a sample's color counts for those before it that weigh less together
-    kept: wp.array(dtype=float)  # [slots] out, if not empty: 1 - opacity, instead of pixels
+    extinctions: wp.array(dtype=float)  # [slots] out, if not empty: of samples that overlap
     scratch: wp.array(dtype=float)
 
 
@@ -142,7 +142,7 @@ def trace_kernel(
     densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
     alive: wp.array(dtype=int),  # [R] in; out: those that are left
     samples: Samples,  # room for slots
-    no_highs: wp.array(dtype=float),  # empty: samples do not overlap
+    highs: wp.array(dtype=float),  # [slots] where samples end that overlap; else empty
     counts: wp.array(dtype=int),  # [R] room for samples of each ray
     shading: NativeShading,
     pixels: Pixels,
@@ -188,7 +188,7 @@ def trace_kernel(
                 first,
                 some,
                 samples,
-                no_highs,
+                highs,
                 counts,
                 slot_count,
                 shading,
@@ -236,28 +236,65 @@ class CpuShader:
         joined = GEOMETRY_FEATURES + BASIS_COUNT  # as floats, and as pairs
         row = 2 * self._networks.widest + 2 * native.level_count + joined + joined // 2
         size += NETWORK_BLOCK * row + 1024
-        native.kept = wp.empty(0, dtype=float, device="cpu")
+        native.extinctions = wp.empty(0, dtype=float, device="cpu")
         native.scratch = wp.empty(size, dtype=float, device="cpu")
         return native
 
     def sigma(self, samples: Samples):
-        """σ of samples, from the opacity that each has at the length SHORT.  [N] float32
+        """σ of samples.  [N] float32"""
+        options = RenderOptions(single_precision=True)
+        return self._endless(samples, Rays(), Pixels(), options).numpy()
 
-        Resolution: 1e-4 at small σ; σ above 87,000 all look alike.
-        """
-        count = len(samples.tet)
-        samples.length = wp.full(count, SHORT, dtype=float, device="cpu")
-        shading = self.of_launch(RenderOptions(termination=0.0, single_precision=True))
-        shading.kept = wp.empty(count, dtype=float, device="cpu")
+    def values(self, rays: Rays, found: RaySamples, options):
+        """Density of packed samples, and what their rays sum: as `Shading.shade`."""
+        count, deferred = len(found.samples.tet), self._field.options.deferred
+        own, pixels = empty_rays(count, "cpu"), empty_pixels(count, "cpu", deferred)
+        ray = np.repeat(found.ids.numpy(), found.counts.numpy())
+        own.directions.assign(rays.directions.numpy()[ray])
+        sigma = self._endless(found.samples, own, pixels, options)
+        return sigma, pixels.sums if deferred else pixels.color
+
+    def _endless(self, samples, rays, pixels, options):
+        """σ of samples that do not end, one for each ray, so that pixels show their values.  [N]"""
+        count, endless = len(samples.tet), Samples()
+        endless.tet, endless.bary = samples.tet, samples.bary
+        endless.t = wp.zeros(count, dtype=float, device="cpu")
+        sigma, endless.length, highs = (
+            wp.full(count, value, dtype=float, device="cpu") for value in (0.0, 1.0, FAR)
+        )
         alive = wp.array(np.arange(count), dtype=int, device="cpu")
-        ones, nothing = (wp.full(n, 1, dtype=int, device="cpu") for n in (count, 0))
-        none = wp.empty(0, dtype=float, device="cpu")
-        totals = wp.zeros(2, dtype=int, device="cpu")
-        inputs = [Geometry(), Entries(), wp.empty(0, dtype=wp.uint64, device="cpu"), Rays(), SHORT]
-        inputs += [wp.full(1, 1, dtype=int, device="cpu"), 1, nothing, none, alive, samples]
-        inputs += [none, ones, shading, Pixels()]
+        counts = wp.full(count, 1, dtype=int, device="cpu")
+        shading = self.of_launch(replace(options, termination=0.0))
+        shading.extinctions = sigma
+        if count:
+            self.add(rays, alive, endless, counts, pixels, shading, highs)
+        return sigma
+
+    def color(self, ids, pixels: Pixels, options):
+        """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
+        rays, count = Rays(), len(ids)
+        rays.tet = wp.full(len(pixels.transmittance), -2, dtype=int, device="cpu")  # at their ends
+        counts, slots = wp.zeros(count, dtype=int, device="cpu"), empty_samples(count, "cpu")
+        shading = self.of_launch(replace(options, termination=0.0))
+        self.add(rays, ids, slots, counts, pixels, shading)
+
+    def add(self, rays: Rays, alive, slots: Samples, counts, pixels: Pixels, shading, highs=None):
+        """Add samples to the pixels: the rays that are left, the number of samples.
+
+        Args:
+            alive: Rays; each has as many slots as any other.
+            highs: Where samples end that overlap, see cpu.cpp.
+        """
+        alive, nothing = wp.clone(alive), wp.empty(0, dtype=int, device="cpu")
+        none, totals = wp.empty(0, dtype=float, device="cpu"), wp.zeros(2, dtype=int, device="cpu")
+        slot_count = len(slots.tet) // max(len(alive), 1)
+        assert slot_count <= CHUNK, slot_count
+        inputs = [Geometry(), Entries(), wp.empty(0, dtype=wp.uint64, device="cpu"), rays, 0.0]
+        inputs += [wp.full(1, slot_count, dtype=int, device="cpu"), 1, nothing, none, alive, slots]
+        inputs += [none if highs is None else highs, counts, shading, pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
-        return -np.log(np.maximum(shading.kept.numpy(), np.finfo(np.float32).tiny)) / SHORT
+        left, sample_count = totals.numpy().tolist()
+        return alive[:left], sample_count
 
 
 class CpuRounds:
@@ -278,8 +315,13 @@ class CpuRounds:
         room = min(SLOTS, max(ROUND_SLOTS) * len(alive))
         samples = empty_samples(room, "cpu")
         counts = wp.empty(min(len(alive), room // min(ROUND_SLOTS)), dtype=int, device="cpu")
-        alive = wp.clone(alive)
-        return self._launch(rays, entries, alive, samples, counts, pixels, options)[1]
+        totals = wp.zeros(2, dtype=int, device="cpu")
+        step = self._march_step * options.step_factor
+        inputs = [self._pose.geometry, entries, self._occupancy, rays, step, self._round_slots, 0]
+        inputs += [self._paths, self._densities, wp.clone(alive), samples, self._no_highs, counts]
+        inputs += [self._shader.of_launch(options), pixels]
+        wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
+        return int(totals.numpy()[1])
 
     def march(self, rays: Rays, entries, alive, slot_count, pixels: Pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
@@ -293,23 +335,5 @@ class CpuRounds:
 
     def shade(self, rays: Rays, alive, slots: Samples, counts, pixels: Pixels, options):
         """Add a round's samples to the pixels: the rays that are left, the number of samples."""
-        alive = wp.clone(alive)
-        left, sample_count = self._launch(
-            rays, Entries(), alive, slots, counts, pixels, options, len(slots.tet) // len(alive)
-        )
-        return alive[:left], sample_count
-
-    def _launch(self, rays, entries, alive, samples, counts, pixels, options, slot_count=0):
-        """Trace rays, or shade `slot_count` slots of each: what is left of `alive`, samples."""
-        round_slots = self._round_slots
-        if slot_count:
-            round_slots = wp.full(1, slot_count, dtype=int, device="cpu")
-        assert round_slots.numpy().max() <= CHUNK, slot_count
-        totals = wp.zeros(2, dtype=int, device="cpu")
-        step = self._march_step * options.step_factor
-        inputs = [self._pose.geometry, entries, self._occupancy, rays, step, round_slots]
-        inputs += [int(slot_count > 0), self._paths, self._densities, alive, samples]
-        inputs += [self._no_highs, counts]
-        inputs += [self._shader.of_launch(options), pixels]
-        wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
-        return tuple(totals.numpy().tolist())
+        shading = self._shader.of_launch(options)
+        return self._shader.add(rays, alive, slots, counts, pixels, shading)

@@ -1,7 +1,4 @@
-"""The networks on a CPU: native code, block by block in registers (layers.h).
-
-Shapes: N samples, l <= L levels.
-"""
+"""The weights of both networks as layers.h reads them: in floats, and in pairs of bfloat16."""
 
 from functools import cache
 from pathlib import Path
@@ -9,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...base.native import LANES_H, MOST_LANES, native_source
-from ...definition.networks import GEOMETRY_FEATURES, MAX_LOG_SIGMA, sigma_from, sigmoid
+from ...base.native import MOST_LANES
+from ...definition.networks import GEOMETRY_FEATURES, MAX_LOG_SIGMA
 from .basis import BASIS_COUNT
 from .shapes import Layers
 
@@ -73,34 +70,6 @@ def bfloat16(x):
     return (bits + (0x7FFF + even) & 0xFFFF0000).astype(np.uint32).view(np.float32)
 
 
-@wp.func_native(
-    native_source(Path(__file__).parent / "cpu.cpp", [LAYERS_H, LANES_H], NATIVE_VALUES)
-)
-def apply_native(
-    networks: NativeNetworks,
-    first_layer: int,
-    layer_count: int,
-    in_pairs: int,
-    x: wp.array2d(dtype=float),
-    scratch: wp.array(dtype=float),
-    y: wp.array2d(dtype=float),
-): ...
-
-
-@wp.kernel(enable_backward=False)
-def apply_kernel(
-    networks: NativeNetworks,
-    first_layer: int,
-    layer_count: int,
-    in_pairs: int,  # 1: multiply pairs of bfloat16, where the processor can
-    x: wp.array2d(dtype=float),  # [N, in], an even number of columns
-    scratch: wp.array(dtype=float),
-    y: wp.array2d(dtype=float),  # [N, out] out
-):
-    """`mlp` of core/definition for all rows, by one thread."""
-    apply_native(networks, first_layer, layer_count, in_pairs, x, scratch, y)
-
-
 @wp.func_native("""
 #if defined(__AVX512BF16__)  // as in layers.h
 answer.data[0] = 1;
@@ -120,37 +89,3 @@ def multiplies_pairs() -> bool:
     answer = wp.zeros(1, dtype=int, device="cpu")
     wp.launch(answer_kernel, 1, [], [answer], device="cpu")
     return bool(answer.numpy()[0])
-
-
-class CpuNetworks:
-    """Both networks for arrays in the CPU's memory, in float32.
-
-    With `half`, numbers and weights are rounded to bfloat16 where the processor multiplies pairs
-    of them (layers.h).
-    """
-
-    def __init__(self, density_layers: Layers, color_layers: Layers):
-        self._networks = native_networks(density_layers, color_layers)
-
-    def geometry(self, features, half=False):
-        """sigma [N] and h [N, 16] from features [N, l] vec4, Warp arrays."""
-        rows = features.numpy().reshape(len(features), 4 * features.shape[1])
-        h = self._apply((0, self._networks.density_count), half, rows, GEOMETRY_FEATURES)
-        return wp.array(sigma_from(h), dtype=float, device="cpu"), wp.array(h, device="cpu")
-
-    def colors(self, h, basis, half=False):
-        """rgb [N] from h [N, 16] and Y(d) [N], Warp arrays."""
-        joined = np.concatenate([h.numpy(), basis.numpy()], axis=1)
-        layers = self._networks.density_count, self._networks.color_count
-        rgb = sigmoid(self._apply(layers, half, joined, 3))
-        return wp.array(rgb, dtype=wp.vec3, device="cpu")
-
-    def _apply(self, layers, half, rows, width):
-        y = np.empty((len(rows), width), np.float32)
-        size = NETWORK_BLOCK * 2 * (self._networks.widest + rows.shape[1])
-        scratch = wp.empty(size, dtype=float, device="cpu")
-        x, out = (wp.array(a, dtype=float, device="cpu", copy=False) for a in (rows, y))
-        inputs = [self._networks, *layers, int(half), x, scratch]
-        if len(rows):
-            wp.launch(apply_kernel, 1, inputs, [out], device="cpu")
-        return y
