@@ -58,12 +58,12 @@ from .networks.layers import (
 from .networks.density_rows import (
     OVERWRITTEN_LEVELS as OVERWRITTEN_LEVELS,
     any_of_warp as any_of_warp,
-    density_in_room as density_in_room,
+    density_in_shared as density_in_shared,
     density_of_rows as density_of_rows,
-    density_room as density_room,
-    h_in_room as h_in_room,
+    share_density as share_density,
+    h_in_shared as h_in_shared,
     put_features as put_features,
-    sigma_in_room as sigma_in_room,
+    sigma_in_shared as sigma_in_shared,
 )
 from .networks.torch import TorchNetworks as TorchNetworks
 from .networks.dispatch import (

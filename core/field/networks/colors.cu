@@ -4,7 +4,6 @@
 // A block takes 64 rows at a time.  They lie in shared memory, which each layer overwrites with its
 // output: a warp has all rows and a fourth of the columns in its registers, and writes them when
 // all warps have read.  The weights come from global memory, through the caches, a step ahead.
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
 #include "tensor_cores.h"
 enum { ROWS = 64, STRIDE = @MAX_WIDTH + 8 };  // halves; rows begin at different banks
 __shared__ __align__(16) uint rows[ROWS * STRIDE / 2];
@@ -104,4 +103,3 @@ for (int first = blockIdx.x * ROWS; first < count; first += gridDim.x * ROWS) {
     }
     __syncthreads();
 }
-#endif

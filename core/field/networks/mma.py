@@ -1,8 +1,8 @@
 """The networks on a GPU's tensor cores, in Warp kernels, so that rendering needs no torch.
 
-If samples have colors, one kernel (both.cu) evaluates both networks.  They must have the usual
-shape: one hidden layer of 64 for density, two for color, up to 8 levels.  If each ray has one
-color, one kernel evaluates the density network for samples (density.cu, or density_rows.py within
+If samples have colors, one kernel evaluates both networks.  They must have the usual shape: one
+hidden layer of 64 for density, two for color, up to 8 levels.  If each ray has one color, one
+kernel evaluates the density network for samples (`geometry_kernel`, or density_rows.py within
 another kernel), and another (colors.cu) the color network for rays; hidden layers of that network
 may have one of several widths.
 
@@ -160,15 +160,20 @@ def layer_places(layers):
     return np.array(places, np.int32)
 
 
-def _source(name: str):
-    """A body with its includes."""
+def tensor_core_body(name: str, section="", otherwise="", **values) -> str:
+    """The body of a native function: what a file has for GPUs with tensor cores, or `otherwise`.
+
+    Args:
+        section, values: See `native_source`; MAX_LOG_SIGMA is there.
+    """
     folder = Path(__file__).parent
-    values = {"MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f", "MAX_WIDTH": max(COLOR_WIDTHS)}
-    includes = [folder / "density.h", folder / "tensor_cores.h"]  # one includes the next
-    return native_source(folder / name, includes, values)
+    values |= {"MAX_LOG_SIGMA": f"{MAX_LOG_SIGMA}f"}
+    source = native_source(folder / name, [folder / "tensor_cores.h"], values, section)
+    condition = f"#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= {10 * OLDEST_GPU}\n"
+    return f"{condition}{source}#else\n{otherwise}\n#endif\n"
 
 
-@wp.func_native(_source("both.cu"))
+@wp.func_native(tensor_core_body("mma.cu", "evaluate_native", TILES=76, BIASES=216))
 def evaluate_native(
     features: wp.array(dtype=vec4h),
     basis: wp.array(dtype=vec4h),
@@ -199,7 +204,7 @@ def networks_kernel(
     evaluate_native(features, basis, weights, biases, total, counts, stride, columns, sigma, rgb)
 
 
-@wp.func_native(_source("density.cu"))
+@wp.func_native(tensor_core_body("mma.cu", "geometry_native", TILES=24, BIASES=80))
 def geometry_native(
     features: wp.array(dtype=vec4h),
     fragments: wp.array(dtype=vec4h),
@@ -228,7 +233,7 @@ def geometry_kernel(
     geometry_native(features, weights, biases, total, counts, stride, columns, sigma, h)
 
 
-@wp.func_native(_source("colors.cu"))
+@wp.func_native(tensor_core_body("colors.cu", MAX_WIDTH=max(COLOR_WIDTHS)))
 def colors_native(
     x: wp.array(dtype=vec4h),
     transmittance: wp.array(dtype=float),

@@ -1,4 +1,4 @@
-// Layers on a GPU's tensor cores: lambdas that the bodies in mma.py share (native.py).
+// Layers on a GPU's tensor cores: lambdas that mma.cu, colors.cu and density_rows.cu share.
 //
 // A thread has four numbers of a product of 16 rows and 8 columns: two neighbors of row `group`
 // and two of row group + 8, in the columns pair, pair + 1.  Rounded to half precision, the results

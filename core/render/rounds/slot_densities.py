@@ -7,7 +7,7 @@ write the features to memory and read them again: 56 bytes for each slot.
 import warp as wp
 
 from ...base.wide import load_wide, vec4h
-from ...field import Tables, any_of_warp, density_of_rows, density_room, encoded_half, put_features
+from ...field import Tables, any_of_warp, density_of_rows, encoded_half, put_features, share_density
 from ...geometry import lattice_point
 from .slots import BLOCK_SIZE, STRIDE, TOTAL, Buffers
 
@@ -20,7 +20,7 @@ wp.set_module_options(
 
 @wp.func
 def put_levels(
-    room: wp.uint64,
+    shared: wp.uint64,
     tables: Tables,
     table: wp.array(dtype=vec4h),  # [entries]
     nodes: wp.array(dtype=vec4h),  # node_table of the dense levels
@@ -33,7 +33,7 @@ def put_levels(
     products = tables.products[tet]
     level = int(0)
     while level < used_level_count:
-        put_features(room, level, encoded_half(tables, table, nodes, level, tet, x, products))
+        put_features(shared, level, encoded_half(tables, table, nodes, level, tet, x, products))
         level += 1
     return level
 
@@ -49,7 +49,7 @@ def slot_densities_kernel(
     thread_count: int,
     buffers: Buffers,
 ):
-    room = density_room(weights, biases)
+    shared = share_density(weights, biases)
     state = buffers.state
     stride = state[STRIDE]  # a multiple of 32: a warp's slots are neighbors, and all exist
     n = wp.tid()
@@ -59,6 +59,6 @@ def slot_densities_kernel(
             if used:
                 bary = load_wide(buffers.slots.bary, n)
                 tet = buffers.slots.tet[n]
-                put_levels(room, tables, table, nodes, used_level_count, tet, bary)
-            density_of_rows(room, n, buffers.sigma, buffers.h)
+                put_levels(shared, tables, table, nodes, used_level_count, tet, bary)
+            density_of_rows(shared, n, buffers.sigma, buffers.h)
         n += thread_count

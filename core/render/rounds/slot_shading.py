@@ -12,11 +12,11 @@ from ...field import (
     OVERWRITTEN_LEVELS,
     Tables,
     any_of_warp,
-    density_in_room,
-    density_room,
-    h_in_room,
+    density_in_shared,
+    h_in_shared,
     put_features,
-    sigma_in_room,
+    share_density,
+    sigma_in_shared,
 )
 from .ray_color import Sums, rest_direction, store_sums
 from .slot_densities import put_levels
@@ -77,7 +77,7 @@ def shade_slots_kernel(
     stop: float,  # transmittance below which a ray ends
     buffers: Buffers,
 ):
-    room = density_room(weights, biases)
+    shared = share_density(weights, biases)
     state = buffers.state
     stride = state[STRIDE]
     lane = lane_of_warp()
@@ -105,21 +105,21 @@ def shade_slots_kernel(
             if going:
                 bary = load_wide(buffers.slots.bary, n)
                 tet = buffers.slots.tet[n]
-                level = put_levels(room, tables, table, nodes, used_level_count, tet, bary)
+                level = put_levels(shared, tables, table, nodes, used_level_count, tet, bary)
                 while level < OVERWRITTEN_LEVELS:
-                    put_features(room, level, wp.vec4())
+                    put_features(shared, level, wp.vec4())
                     level += 1
-            density_in_room(room)
+            density_in_shared(shared)
             if going:
                 if tet != last_tet:
                     last_tet = tet
                     turned = rest_direction(buffers.rotations, tet, buffers.rays.directions[ray])
-                remaining = wp.exp(-sigma_in_room(room) * buffers.slots.length[n])
+                remaining = wp.exp(-sigma_in_shared(shared) * buffers.slots.length[n])
                 w = transmittance * (1.0 - remaining)
-                s.a += w * h_in_room(room, 0)
-                s.b += w * h_in_room(room, 1)
-                s.c += w * h_in_room(room, 2)
-                s.d += w * h_in_room(room, 3)
+                s.a += w * h_in_shared(shared, 0)
+                s.b += w * h_in_shared(shared, 1)
+                s.c += w * h_in_shared(shared, 2)
+                s.d += w * h_in_shared(shared, 3)
                 s.direction += w * turned
                 total_t += w * buffers.slots.t[n]
                 transmittance *= remaining
