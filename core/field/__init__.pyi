@@ -9,7 +9,7 @@ from .reduction import (
 )
 
 # For the rooms next door.
-from .archive import parts_of_file as parts_of_file
+from .archive import bytes_of_file as bytes_of_file
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry
 from .reduction import nearer_to_matter as nearer_to_matter

@@ -37,14 +37,14 @@ def open_arrays(path):
         raise ModelFileError(str(error)) from error
 
 
-def parts_of_file(path: str | Path) -> dict[str, int]:
+def bytes_of_file(path: str | Path) -> dict[str, int]:
     """Bytes of a model's mesh (occupancy included) and of its tables, as stored."""
-    parts = {"mesh_bytes": 0, "table_bytes": 0}
+    counts = {"mesh_bytes": 0, "table_bytes": 0}
     with zipfile.ZipFile(path) as archive:
         for entry in archive.infolist():
             name = entry.filename.removesuffix(".npy")
             if name in MESH_ARRAYS:
-                parts["mesh_bytes"] += entry.compress_size
+                counts["mesh_bytes"] += entry.compress_size
             elif name.startswith(TABLE_ARRAYS):
-                parts["table_bytes"] += entry.compress_size
-    return parts
+                counts["table_bytes"] += entry.compress_size
+    return counts

@@ -40,10 +40,10 @@ def table_in_bytes(layout: Layout, table: np.ndarray) -> ByteTable | None:
     assert table.shape[1] == FEATURES == 4, "a word has four bytes"
     integers, scales = np.empty(table.shape, np.int8), []
     for first, end in pairwise(layout.offsets):
-        part, scale = quantize(table[first:end])
-        if (np.abs(part * scale - table[first:end]) > EXACT * scale).any():
+        of_level, scale = quantize(table[first:end])
+        if (np.abs(of_level * scale - table[first:end]) > EXACT * scale).any():
             return None
-        integers[first:end] = part
+        integers[first:end] = of_level
         scales.append(scale)
     nodes = node_table(layout, integers)
     hashed = layout.offsets[layout.dense_level_count]

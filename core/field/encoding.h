@@ -129,8 +129,8 @@ auto mix_floats = [&](Corners at, int count, float* x, int step) {
     }
 };
 
-// Features x [4 level_count][step] of the samples in some slots.  `corners` has two levels' room;
-// all arrays have room for a multiple of LANES samples.
+// Features x [4 level_count][step] of the samples in some slots.  `corners` are of two levels;
+// all arrays hold a multiple of LANES samples.
 auto encode = [&](const int* slots, int count, int level_count, Places* places,
                   const Corners* corners, float* x, int step) {
     for (int first = 0; first < count; first += LANES) {

@@ -188,8 +188,8 @@ def _build(arrays) -> TetField:
     )
     _check_networks("", table, density, color)
     if surroundings:
-        parts = surroundings.table, surroundings.density_layers, surroundings.color_layers
-        _check_networks("surroundings_", *parts)
+        learned = surroundings.table, surroundings.density_layers, surroundings.color_layers
+        _check_networks("surroundings_", *learned)
     return TetField(
         mesh=mesh,
         neighbours=neighbours,

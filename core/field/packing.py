@@ -117,8 +117,8 @@ def pack_tables(table, layout: Layout, reached, entry_bits=16):
         raise ValueError(f"the entries can't have {entry_bits} bits; give 8 or 16")
     arrays, offsets = {}, layout.offsets
     for level, entry_count in enumerate(layout.entry_counts):
-        part = slice(offsets[level], offsets[level + 1])
-        values, kept = table[part], reached[part]
+        entries = slice(offsets[level], offsets[level + 1])
+        values, kept = table[entries], reached[entries]
         bits = np.packbits(kept)
         if (entry_count - kept.sum()) * FEATURES * entry_bits // 8 > len(bits):
             arrays[f"reached_{level}"] = bits

@@ -83,14 +83,14 @@ def mark_nodes_kernel(
 
 def reached_entries(mesh: TetMesh, layout: Layout, occupancy, device="cpu"):
     """`reached_reference` for large meshes, on a Warp device."""
-    parts = []
+    reached = []
     for level, entry_count in enumerate(layout.entry_counts):
         if level < layout.dense_level_count:
-            part = _reached_dense(layout.node_ids[level], occupied_cells(occupancy, level), level)
+            found = _reached_dense(layout.node_ids[level], occupied_cells(occupancy, level), level)
         else:
-            part = _reached_hashed(mesh, occupancy, level, entry_count, device)
-        parts.append(part)
-    return np.concatenate(parts)
+            found = _reached_hashed(mesh, occupancy, level, entry_count, device)
+        reached.append(found)
+    return np.concatenate(reached)
 
 
 def _reached_dense(node_ids, cells, level):

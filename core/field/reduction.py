@@ -29,21 +29,21 @@ def reduced(field: TetField, keep: np.ndarray) -> TetField:
     mesh, used = extract(field.mesh, keep)
     options, old = field.options, field.layout
     layout = make_layout(mesh, options.level_count, options.table_size, options.dense_levels)
-    parts = []
+    kept = []
     for level, count in enumerate(layout.entry_counts):
         before = field.table[old.offsets[level] : old.offsets[level + 1]]
         if level < layout.dense_level_count:
-            part = np.zeros((count, FEATURES), field.table.dtype)
-            part[layout.node_ids[level]] = before[_entries(field, mesh, level, keep)]
-            before = part
-        parts.append(before)
+            entries = np.zeros((count, FEATURES), field.table.dtype)
+            entries[layout.node_ids[level]] = before[_entries(field, mesh, level, keep)]
+            before = entries
+        kept.append(before)
     return replace(
         field,
         mesh=mesh,
         neighbours=tet_neighbours(mesh.tets),
         occupancy=field.occupancy[keep],
         layout=layout,
-        table=np.concatenate(parts),
+        table=np.concatenate(kept),
         stiffness=None if field.stiffness is None else field.stiffness[used],
         rig_arrays=reduced_rig(field.rig_arrays, used),
     )

@@ -82,23 +82,22 @@ class Shading:
         """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
         if not self.field.options.deferred:
             return
+        view_dependence = self.field.options.view_dependence
         if self.on_cpu is not None:
             self.on_cpu.color(ids, pixels, options)
-            return
-        if self.in_place is not None and options.half:
-            colors = colors_in_place(self.in_place)
+        elif self.in_place is not None and options.half:
+            color_rays(colors_in_place(self.in_place), view_dependence, ids, pixels)
         elif self._host is not None:
             copied = pixels.to("cpu")
             self._host.on_cpu.color(ids.to("cpu"), copied, options)
             wp.copy(pixels.color, copied.color)
-            return
         else:
             colors = partial(self._networks.colors, half=options.half)
-        color_rays(colors, self.field.options.view_dependence, ids, pixels)
+            color_rays(colors, view_dependence, ids, pixels)
 
     @cached_property
     def _host(self):
-        """Of the same field on the host, where only torch could evaluate networks and can't."""
+        """On CUDA, a Shading of the same field on the CPU if torch finds no GPU; else None."""
         if torch_finds_a_gpu():
             return None
         rotations = wp.empty(len(self.rotations), dtype=wp.mat33, device="cpu")

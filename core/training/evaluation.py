@@ -21,7 +21,7 @@ from PIL import Image
 from ..base.device import thread_count
 from ..base.paths import whole_file
 from ..base.reading import read_text
-from ..field import TetField, occupied_share, parts_of_file
+from ..field import TetField, bytes_of_file, occupied_share
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
 from .data.datasets import Dataset, track, white_composite
 from .data.scene_box import learns_surroundings
@@ -253,7 +253,7 @@ def model_facts(field, path=None) -> dict:
     }
     if path is not None:
         path = Path(path)
-        facts |= {"file": path.name, "bytes": path.stat().st_size, **parts_of_file(path)}
+        facts |= {"file": path.name, "bytes": path.stat().st_size, **bytes_of_file(path)}
     known = ("seconds", "stage_1_seconds", "peak_memory_bytes", "levels_below_pixel", "device")
     return facts | {f"training_{k}": field.meta[k] for k in known if k in field.meta}
 

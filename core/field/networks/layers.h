@@ -91,22 +91,22 @@ auto block = [&](auto columns, auto layer, auto x, auto* y, int y_stride,
         }
 };
 
-// y = max(x W + b, lowest).  Arrays have room for a multiple of ROWS rows.
+// y = max(x W + b, lowest).  Arrays hold a multiple of ROWS rows.
 auto apply_layer = [&](auto layer, int row_count, auto x, auto* y, float lowest) {
     for (int first = 0; first < row_count; first += ROWS) {
         const decltype(x) from = {x.data + first * x.row_step, x.row_step, x.step};
         auto* const to = y + first * layer.width;
-        auto part = layer;
+        auto rest = layer;  // from `column` on
         int column = 0;
         for (; column + Wide::VECTORS * LANES <= layer.width; column += Wide::VECTORS * LANES) {
-            block(Wide(), part, from, to + column, layer.width, lowest);
-            part.weights += Wide::VECTORS * LANES;
-            part.bias += Wide::VECTORS * LANES;
+            block(Wide(), rest, from, to + column, layer.width, lowest);
+            rest.weights += Wide::VECTORS * LANES;
+            rest.bias += Wide::VECTORS * LANES;
         }
         for (; column < layer.width; column += LANES) {
-            block(Narrow(), part, from, to + column, layer.width, lowest);
-            part.weights += LANES;
-            part.bias += LANES;
+            block(Narrow(), rest, from, to + column, layer.width, lowest);
+            rest.weights += LANES;
+            rest.bias += LANES;
         }
     }
 };
@@ -142,8 +142,8 @@ auto apply_network = [&](int first_layer, int layer_count, int row_count, auto x
     return buffer;
 };
 
-// Numbers of rows as pairs, one after another: x [count] -> y [count / 2].  Both have room for a
-// multiple of LANES.
+// Numbers of rows as pairs, one after another: x [count] -> y [count / 2].  Both hold a multiple of
+// LANES.
 auto pair_up = [&](const float* x, int count, Pair* y) {
     for (int i = 0; i < count; i += LANES) put_halves(load(x + i), reinterpret_cast<Half*>(y) + i);
 };

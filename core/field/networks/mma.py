@@ -31,7 +31,7 @@ from .shapes import MAX_FEATURES, has_usual_density, has_usual_shape
 TILE_K, TILE_N = 16, 8  # of one product
 OLDEST_GPU = 80  # Warp's arch
 BLOCK_SIZE = 128
-BLOCKS_PER_PROCESSOR = 3  # the registers have room for no more
+BLOCKS_PER_PROCESSOR = 3  # more would not fit into the registers
 DENSITY_BLOCKS_PER_PROCESSOR = 5  # for the density network alone
 COLOR_BLOCKS_PER_PROCESSOR = 2  # for the colors of rays
 COLOR_WIDTHS = (32, 64, 128, 192, 256)  # that hidden layers of rays' colors are filled up to
@@ -88,7 +88,7 @@ class TensorCoreNetworks:
         self._no_slots = [wp.empty(0, dtype=int, device=device)] * 2
         if field.options.deferred:
             color = widened(color)
-            self.density, self._color = (self._weights(part) for part in (density, color))
+            self.density, self._color = (self._weights(layers) for layers in (density, color))
             self._layers = wp.array(layer_places(color), dtype=int, device=device)
         else:
             self._both = self._weights([*density, *color])

@@ -96,7 +96,7 @@ class TorchNetworks(nn.Module):
             weight, bias = (p.detach().float().cpu().numpy() for p in (layer.weight, layer.bias))
             return weight.T.copy(), bias.copy()
 
-        return tuple(tuple(map(arrays, part)) for part in (self.density, self.color))
+        return tuple(tuple(map(arrays, layers)) for layers in (self.density, self.color))
 
 
 def _linear(weights, bias):

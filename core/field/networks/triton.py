@@ -84,8 +84,8 @@ def _runs_on(networks):
     )
 
 
-def _shapes(*parts):
-    return [(layer.in_features, layer.out_features) for part in parts for layer in part]
+def _shapes(*networks):
+    return [(layer.in_features, layer.out_features) for network in networks for layer in network]
 
 
 def pack(layers):

@@ -61,7 +61,7 @@ def _load_density(parameters, FEATURES: tl.constexpr):
 
 @triton.jit
 def _load_weights(parameters, FEATURES: tl.constexpr):
-    """Weights, one layer after another; c1's in two parts, for h and y."""
+    """Weights, one layer after another; c1's in two pieces, for h and y."""
     _, _, c1, c2, rgb = _starts(parameters, FEATURES)
     wa, wh = _load_density(parameters, FEATURES)
     wc1h = _weights(c1, WIDTH, GEOMETRY, GEOMETRY + BASIS)
@@ -118,7 +118,7 @@ def _sigma(h):
     return tl.exp(tl.minimum(tl.sum(tl.where(j == 0, h, 0.0), axis=1), MAX_LOG_SIGMA))
 
 
-@triton.jit(do_not_specialize=["room"])
+@triton.jit(do_not_specialize=["capacity"])
 def forward_kernel(
     features,  # [N, FEATURES]
     basis,  # [N, 16]
@@ -126,11 +126,11 @@ def forward_kernel(
     sample_count,  # [1]
     sigma,  # [N] out
     rgb,  # [N, 3] out
-    room,  # N
+    capacity,  # N
     FEATURES: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    count = tl.minimum(tl.load(sample_count), room)
+    count = tl.minimum(tl.load(sample_count), capacity)
     wa, wh, wc1h, wc1y, wc2, wrgb = _load_weights(parameters, FEATURES)
     for block in range(tl.program_id(0), tl.cdiv(count, BLOCK), tl.num_programs(0)):
         n = block * BLOCK + tl.arange(0, BLOCK)
@@ -142,18 +142,18 @@ def forward_kernel(
         _store_rows(rgb, n, count, color, 3)
 
 
-@triton.jit(do_not_specialize=["room"])
+@triton.jit(do_not_specialize=["capacity"])
 def density_kernel(
     features,  # [N, FEATURES]
     parameters,  # those of the density network, see `pack`
     sample_count,  # [1]
     sigma,  # [N] out
     h,  # [N, 16] out
-    room,  # N
+    capacity,  # N
     FEATURES: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    count = tl.minimum(tl.load(sample_count), room)
+    count = tl.minimum(tl.load(sample_count), capacity)
     wa, wh = _load_density(parameters, FEATURES)
     for block in range(tl.program_id(0), tl.cdiv(count, BLOCK), tl.num_programs(0)):
         n = block * BLOCK + tl.arange(0, BLOCK)
@@ -220,7 +220,7 @@ def _store_out(start, weights, bias, ROWS: tl.constexpr):
     tl.store(start + ROWS * WIDTH + i, tl.sum(bias, axis=0), mask=i < ROWS)
 
 
-@triton.jit(do_not_specialize=["room"])
+@triton.jit(do_not_specialize=["capacity"])
 def backward_kernel(
     features,  # [N, FEATURES]
     basis,  # [N, 16]
@@ -230,12 +230,12 @@ def backward_kernel(
     g_rgb,  # [N, 3]
     g_features,  # [N, FEATURES] out
     partial,  # [programs, PARAMETERS] out: gradients of the program's samples
-    room,  # N
+    capacity,  # N
     FEATURES: tl.constexpr,
     PARAMETERS: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    count = tl.minimum(tl.load(sample_count), room)
+    count = tl.minimum(tl.load(sample_count), capacity)
     wa, wh, wc1h, wc1y, wc2, wrgb = _load_weights(parameters, FEATURES)
     # Sums over samples: gradients of weights [out, in], and of biases as if they were weights
     # of ones.  h and rgb have too few rows for that (every warp would do the same work): their
@@ -286,7 +286,7 @@ def backward_kernel(
     _store_out(prgb, srgb, trgb, 3)
 
 
-@triton.jit(do_not_specialize=["room"])
+@triton.jit(do_not_specialize=["capacity"])
 def density_backward_kernel(
     features,  # [N, FEATURES]
     parameters,  # [PARAMETERS], those of the density network, see `pack`
@@ -295,12 +295,12 @@ def density_backward_kernel(
     g_out,  # [N, 16]: gradients of h, without what comes by sigma
     g_features,  # [N, FEATURES] out
     partial,  # [programs, PARAMETERS] out: gradients of the program's samples
-    room,  # N
+    capacity,  # N
     FEATURES: tl.constexpr,
     PARAMETERS: tl.constexpr,
     BLOCK: tl.constexpr,
 ):
-    count = tl.minimum(tl.load(sample_count), room)
+    count = tl.minimum(tl.load(sample_count), capacity)
     wa, wh = _load_density(parameters, FEATURES)
     ones = tl.full((BLOCK, DOT_SIZE), 1.0, tl.float16)  # sums as in backward_kernel
     sa, ta = _zeros(WIDTH, FEATURES), _zeros(WIDTH, 1)

@@ -75,14 +75,14 @@ class PieceMerger:
         while first < count:
             before = int(ends[first - 1]) if first else 0
             last = max(first + 1, int(np.searchsorted(ends, before + most, side="right")))
-            part = slice(first, last)
+            some = slice(first, last)
             total = int(ends[last - 1]) - before
-            self._render_part(rays, ids[part], counts[part], total, pixels, options)
+            self._render_some(rays, ids[some], counts[some], total, pixels, options)
             shaded += total
             first = last
         return shaded
 
-    def _render_part(self, rays, ids, counts, total, pixels, options):
+    def _render_some(self, rays, ids, counts, total, pixels, options):
         device = self._pose.device
         pieces = empty_pieces(total, ids, counts)
         self._find_pieces(rays, ids, WRITE, counts, pieces, options)
@@ -108,7 +108,7 @@ class Pieces:
     """Pieces of some rays, ray after ray."""
 
     found: RaySamples  # [M] rays, [N] pieces, whose length is s |F^-1 d|: κ / σ
-    places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is room for the sort
+    places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is for the sort
     switches: wp.array(dtype=int)  # [4 N] 2 n where piece n begins, 2 n + 1 where it ends
     first_switches: wp.array(dtype=int)  # [M] index of each ray's first one
     last_switches: wp.array(dtype=int)  # [M] index behind each ray's last one
@@ -201,7 +201,7 @@ def pieces_kernel(
                     piece += 1
     if purpose == COUNT:
         counts[i] = count
-    else:  # if rounding found fewer pieces this time, empty ones fill the room
+    else:  # if rounding found fewer pieces this time, empty ones take their places
         while count < limit:
             write_piece(pieces, first + count, 0, wp.vec4(1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
             count += 1

@@ -20,10 +20,10 @@ const float stop = shading.stop, least_weight = shading.least_weight;
 // -- memory for one chunk of samples -----------------------------------------------------------
 enum { CHUNK = @CHUNK, JOINED = @GEOMETRY_FEATURES + @BASIS_COUNT };
 char* free_memory = reinterpret_cast<char*>(scratch.data);
-auto take = [&](auto*& room, int count) {
+auto take = [&](auto*& array, int count) {
     free_memory += -reinterpret_cast<unsigned long long>(free_memory) & 63;  // vectors' alignment
-    room = reinterpret_cast<decltype(&room[0])>(free_memory);
-    free_memory += count * sizeof(room[0]);
+    array = reinterpret_cast<decltype(&array[0])>(free_memory);
+    free_memory += count * sizeof(array[0]);
 };
 struct Colored { int sample, tet, ray; float weight; };
 struct Run { int ray, first, count, weighed; float before, transmittance; };

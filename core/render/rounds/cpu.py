@@ -141,9 +141,9 @@ def trace_kernel(
     paths: wp.array(dtype=int),  # `lattice_paths`
     densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
     alive: wp.array(dtype=int),  # [R] in; out: those that are left
-    samples: Samples,  # room for slots
+    samples: Samples,  # the slots of some rays
     highs: wp.array(dtype=float),  # [slots] where samples end that overlap; else empty
-    counts: wp.array(dtype=int),  # [R] room for samples of each ray
+    counts: wp.array(dtype=int),  # samples of each of these rays
     shading: NativeShading,
     pixels: Pixels,
     totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
@@ -181,7 +181,7 @@ def trace_kernel(
             while i < some:
                 sample_count += counts[i]
                 i += 1
-            # It writes behind what it reads of `alive`.
+            # Compacts `alive` in place: the write index never passes the read index.
             shade_native(
                 rays,
                 alive,
@@ -255,7 +255,10 @@ class CpuShader:
         return sigma, pixels.sums if deferred else pixels.color
 
     def _endless(self, samples, rays, pixels, options):
-        """σ of samples that do not end, one for each ray, so that pixels show their values.  [N]"""
+        """σ of samples; pixel n gets the values of sample n.  [N]
+
+        Each sample is the only one of ray n and has no end, so its weight is 1.
+        """
         count, endless = len(samples.tet), Samples()
         endless.tet, endless.bary = samples.tet, samples.bary
         endless.t = wp.zeros(count, dtype=float, device="cpu")
@@ -279,11 +282,14 @@ class CpuShader:
         self.add(rays, ids, slots, counts, pixels, shading)
 
     def add(self, rays: Rays, alive, slots: Samples, counts, pixels: Pixels, shading, highs=None):
-        """Add samples to the pixels: the rays that are left, the number of samples.
+        """Add samples in slots to the pixels of the rays `alive`.
 
         Args:
-            alive: Rays; each has as many slots as any other.
-            highs: Where samples end that overlap, see cpu.cpp.
+            shading: See `of_launch`.
+            highs: Where samples end, if they overlap; see cpu.cpp.
+
+        Returns:
+            The rays that are left, and the number of samples.
         """
         alive, nothing = wp.clone(alive), wp.empty(0, dtype=int, device="cpu")
         none, totals = wp.empty(0, dtype=float, device="cpu"), wp.zeros(2, dtype=int, device="cpu")
@@ -312,9 +318,9 @@ class CpuRounds:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
         if not len(alive):
             return 0
-        room = min(SLOTS, max(ROUND_SLOTS) * len(alive))
-        samples = empty_samples(room, "cpu")
-        counts = wp.empty(min(len(alive), room // min(ROUND_SLOTS)), dtype=int, device="cpu")
+        most = min(SLOTS, max(ROUND_SLOTS) * len(alive))
+        samples = empty_samples(most, "cpu")
+        counts = wp.empty(min(len(alive), most // min(ROUND_SLOTS)), dtype=int, device="cpu")
         totals = wp.zeros(2, dtype=int, device="cpu")
         step = self._march_step * options.step_factor
         inputs = [self._pose.geometry, entries, self._occupancy, rays, step, self._round_slots, 0]

@@ -39,14 +39,14 @@ def prepared(field, vertices, device):
 
 def in_wavefront(renderer, camera):
     """Its image by the wavefront, to the end of each ray, and how many were merged as a whole."""
-    merged, render_part = [], PieceMerger._render_part
+    merged, render_some = [], PieceMerger._render_some
 
     def counted(self, rays, ids, *others):
         merged.append(len(ids))
-        return render_part(self, rays, ids, *others)
+        return render_some(self, rays, ids, *others)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PieceMerger, "_render_part", counted)
+        patch.setattr(PieceMerger, "_render_some", counted)
         return renderer.render(camera, TO_THE_END), sum(merged)
 
 

@@ -70,12 +70,12 @@ def test_a_crowded_place_is_merged_as_a_whole(make_ball_field, monkeypatch):
     renderer.set_vertices(vertices)
     origins, directions = camera_rays(camera)
     expected, _, _ = render_rays(field.definition, vertices, origins, directions, (1, 1, 1))
-    crowded, render_part = [], PieceMerger._render_part
+    crowded, render_some = [], PieceMerger._render_some
     monkeypatch.setattr(
         PieceMerger,
-        "_render_part",
+        "_render_some",
         lambda self, rays, ids, *others: (
-            crowded.append(len(ids)) or render_part(self, rays, ids, *others)
+            crowded.append(len(ids)) or render_some(self, rays, ids, *others)
         ),
     )
     found, _, _ = renderer.render_rays(origins, directions, EXACT)
