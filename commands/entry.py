@@ -79,7 +79,6 @@ def begin(program: str) -> int:
     atexit.register(gc.freeze)
     verbose = "--verbose" in sys.argv[1:]
     sys.argv[1:] = [word for word in sys.argv[1:] if word != "--verbose"]
-    import_module("deformrf.core.base.bytecode").keep()
     crash = import_module("deformrf.viewer.crash")
     recent = crash.begin_logging(program, verbose)
     try:
