@@ -63,7 +63,7 @@ def test_verbose_is_in_every_help(program):
 
 FAULT = """
 import sys
-from deformrf.viewer import command, entry
+from deformrf.commands import entry, view
 
 def broken(chosen):
     from deformrf.viewer.events import EventLog
@@ -74,7 +74,7 @@ def broken(chosen):
 def job(chosen):
     return lambda: broken(chosen)
 
-command.prepare = job
+view.prepare = job
 sys.argv = ["x", *{arguments}]
 sys.exit(entry.view())
 """
