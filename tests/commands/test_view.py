@@ -172,7 +172,7 @@ def test_a_missing_module_of_the_program_itself_keeps_its_traceback(monkeypatch)
 
 def test_help_is_quick_and_imports_nothing_slow():
     code = (
-        "import sys; from deformrf.viewer import command;"
+        "import sys; from deformrf.commands import view;"
         "print(*{'torch', 'warp', 'pyglet', 'moderngl', 'av'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
