@@ -6,12 +6,13 @@ aside, with a message.  Options of the command line come before it.
 
 import json
 import time
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 from platformdirs import user_config_path
 
+from ..core.base import schema
 from ..core.base.paths import whole_file
 from ..core.base.reading import open_file
 from ..core.base.streams import shown
@@ -65,41 +66,20 @@ def file() -> Path:
     return user_config_path("deformrf") / "preferences.json"
 
 
-def _is_number(value, low, high):
-    return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
-
-
-def _is_window(value):
-    return (
-        isinstance(value, list)
-        and len(value) == 2
-        and all(isinstance(side, int) and side <= LARGEST_WINDOW for side in value)
-        and all(side >= least for side, least in zip(value, SMALLEST_WINDOW, strict=True))
-    )
-
-
-def _is_color(value):
-    return isinstance(value, list) and len(value) == 3 and all(_is_number(x, 0, 1) for x in value)
-
-
-def _are_paths(value):
-    return (
-        isinstance(value, list)
-        and len(value) <= MOST_RECENT
-        and all(isinstance(one, str) and one and "\0" not in one for one in value)
-    )
-
-
 GOOD = {  # name: whether a value of the file is one
-    "window_size": _is_window,
-    "interop": lambda value: value in ("auto", "buffer", "copy"),
-    "target_fps": lambda value: value is None or _is_number(value, 2.0, 120.0),
-    "background": _is_color,
-    "grab_radius": lambda value: _is_number(value, 0.0, 0.4),
-    "show_panel": lambda value: isinstance(value, bool),
-    "panel_side": lambda value: value in SIDES,
-    "panel_width": lambda value: _is_number(value, *PANEL_WIDTHS),
-    "recent": _are_paths,
+    "window_size": schema.row(
+        *(schema.integer(least, LARGEST_WINDOW) for least in SMALLEST_WINDOW)
+    ),
+    "interop": schema.one_of(("auto", "buffer", "copy")),
+    "target_fps": schema.optional(schema.number(2.0, 120.0)),
+    "background": schema.vector(3, schema.number(0.0, 1.0)),
+    "grab_radius": schema.number(0.0, 0.4),
+    "show_panel": schema.flag,
+    "panel_side": schema.one_of(SIDES),
+    "panel_width": schema.number(*PANEL_WIDTHS),
+    "recent": schema.listing(
+        schema.both(schema.text(least=1), lambda path: "\0" not in path), MOST_RECENT
+    ),
 }
 
 
@@ -118,8 +98,7 @@ def load(path: Path) -> tuple[Preferences, str]:
     except OSError as error:
         return Preferences(), f"can't read the preferences in {path}: {error.strerror or error}"
     values, problem = _checked(content)
-    types = {f.name: tuple for f in fields(Preferences) if f.name in ("window_size", "background")}
-    values = {name: types.get(name, lambda same: same)(value) for name, value in values.items()}
+    values |= {n: tuple(values[n]) for n in ("window_size", "background") if n in values}
     loaded = Preferences(**values, path=path)
     if problem:
         aside = path.with_name(f"{path.stem}-damaged-{time.time_ns()}{path.suffix}")
@@ -159,7 +138,7 @@ def take(preferences: Preferences, settings: Settings, usual_fps: float) -> None
     values = {name: getattr(settings, name) for name in KEPT}
     values["target_fps"] = None if settings.target_fps == usual_fps else settings.target_fps
     for name, value in values.items():
-        if GOOD[name](list(value) if isinstance(value, tuple) else value):
+        if GOOD[name](value):
             setattr(preferences, name, value)
 
 

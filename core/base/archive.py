@@ -5,7 +5,7 @@ whose length is bounded.  The values are read only when `numpy.asarray` asks for
 can check the shape first, and an array that is never asked for costs nothing, however large it is.
 
 A file of n bytes may unpack to FREE_BYTES + EXPANSION · n bytes, but not to more than MAX_BYTES
-or a quarter of the free memory.  Every error is an ArchiveError of one sentence.
+or a quarter of the free memory.  Every error is a FileError of one sentence.
 """
 
 import ast
@@ -18,6 +18,7 @@ import numpy as np
 
 from .memory import free_bytes
 from .reading import open_file
+from .schema import FileError, check
 from .streams import one_line
 
 MAX_BYTES = 2**31  # unpacked; a full-size model has about 2^25
@@ -27,15 +28,6 @@ LONGEST_READ = 2**20  # also of the zip's list of its entries, which zipfile rea
 LONGEST_HEADER = 2**12  # ours have 118 bytes
 LONGEST_REASON = 300  # characters
 HEADER_KEYS = {"descr", "fortran_order", "shape"}
-
-
-class ArchiveError(ValueError):
-    """A file of arrays cannot be read; the message is one sentence for the user."""
-
-
-def _check(condition, sentence):
-    if not condition:
-        raise ArchiveError(sentence)
 
 
 def unpacked_limit(file_size: int) -> int:
@@ -104,7 +96,7 @@ class Archive(Mapping):
     def take(self, byte_count: int) -> None:
         """Account for bytes that are about to be read."""
         self.left -= byte_count
-        _check(
+        check(
             self.left >= 0,
             f"its arrays unpack to more than {self.allowed / 2**20:.0f} MiB, which is more than "
             "a file of its size may hold, or than this machine's memory",
@@ -119,7 +111,7 @@ class _BoundedFile:
         self.seek, self.tell, self.seekable = stream.seek, stream.tell, stream.seekable
 
     def read(self, count=-1):
-        _check(count <= LONGEST_READ, f"its list of entries takes {count} bytes")
+        check(count <= LONGEST_READ, f"its list of entries takes {count} bytes")
         return self.stream.read(count if count >= 0 else LONGEST_READ)
 
 
@@ -131,21 +123,21 @@ def open_archive(path, kind: str):
         kind: What the file should be, for the error's sentence: "model file".
 
     Raises:
-        ArchiveError: The file is missing, or is no zip.
+        FileError: The file is missing, or is no zip.
     """
-    _check(path.exists(), f"there is no {kind} at {path}")
+    check(path.exists(), f"there is no {kind} at {path}")
     with ExitStack() as stack:
         try:
             stream = stack.enter_context(open_file(path))
             zip_file = stack.enter_context(zipfile.ZipFile(_BoundedFile(stream)))
             arrays = Archive(zip_file, path.stat().st_size)
-        except ArchiveError:
+        except FileError:
             raise
         except OSError as error:
             reason = error.strerror or error
-            raise ArchiveError(f"{path} can't be read as a {kind}: {reason}") from error
+            raise FileError(f"{path} can't be read as a {kind}: {reason}") from error
         except Exception as error:  # zipfile has many ways to fail
-            raise ArchiveError(f"{path} is not a {kind}, or is damaged ({error})") from error
+            raise FileError(f"{path} is not a {kind}, or is damaged ({error})") from error
         yield arrays
 
 
@@ -156,12 +148,12 @@ def _read_header(stream, entry):
     """
     name = entry.filename
     known = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-    _check(known, f"'{name}' is compressed in a way that NumPy does not write")
+    check(known, f"'{name}' is compressed in a way that NumPy does not write")
     start = stream.read(12)
-    _check(start[:6] == b"\x93NUMPY" and len(start) == 12, f"'{name}' is no NumPy array")
+    check(start[:6] == b"\x93NUMPY" and len(start) == 12, f"'{name}' is no NumPy array")
     size = 2 if start[6] == 1 else 4
     length = int.from_bytes(start[8 : 8 + size], "little")
-    _check(length <= LONGEST_HEADER, f"the header of '{name}' has {length} bytes")
+    check(length <= LONGEST_HEADER, f"the header of '{name}' has {length} bytes")
     text = start[8 + size :] + stream.read(length - (4 - size))
     try:
         header = ast.literal_eval(text.decode().strip())
@@ -169,10 +161,10 @@ def _read_header(stream, entry):
         dtype, shape = np.dtype(header["descr"]), header["shape"]
         assert type(shape) is tuple and all(type(n) is int and n >= 0 for n in shape)
     except Exception as error:  # Python's parser has a dozen ways to fail
-        raise ArchiveError(f"the header of '{name}' is damaged") from error
-    _check(dtype.kind in "biuf", f"'{name}' is damaged: it holds {dtype}, not numbers")
+        raise FileError(f"the header of '{name}' is damaged") from error
+    check(dtype.kind in "biuf", f"'{name}' is damaged: it holds {dtype}, not numbers")
     wanted, found = math.prod(shape) * dtype.itemsize, entry.file_size - 8 - size - length
-    _check(
+    check(
         wanted == found,
         f"'{name}' declares {list(shape)}, {wanted} bytes, but the file holds {found}",
     )

@@ -4,19 +4,15 @@ import zipfile
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..base.archive import ArchiveError, open_archive
+from ..base.archive import open_archive
+from ..base.schema import FileError, check
 
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
 TABLE_ARRAYS = ("table_", "reached_", "scale_")
 
 
-class ModelFileError(ArchiveError):
+class ModelFileError(FileError):
     """A model file cannot be read; the message is one sentence for the user."""
-
-
-def check(condition, sentence):
-    if not condition:
-        raise ModelFileError(sentence)
 
 
 @contextmanager
@@ -31,9 +27,7 @@ def open_arrays(path):
         with open_archive(path, "model file") as arrays:
             check("meta" in arrays, "it is not a deformrf model: it has no 'meta' array")
             yield arrays
-    except ModelFileError:
-        raise
-    except ArchiveError as error:
+    except FileError as error:
         raise ModelFileError(str(error)) from error
 
 

@@ -9,8 +9,8 @@ from math import comb
 import numpy as np
 
 from ..base.memory import free_bytes
+from ..base.schema import check, integer, listing, vector
 from ..geometry import TetMesh, signed_volumes
-from .archive import check
 from .field import TetField
 from .layout import MAX_DENSE_LEVELS
 
@@ -31,11 +31,8 @@ def check_levels(entry_counts, dense_count, options) -> None:
     """Whether the declared levels can be those of some mesh."""
     levels, size = options.level_count, options.table_size
     fits = (
-        type(entry_counts) is list
-        and len(entry_counts) == levels
-        and all(type(n) is int and 1 <= n <= size for n in entry_counts)
-        and type(dense_count) is int
-        and 0 <= dense_count <= min(levels, MAX_DENSE_LEVELS)
+        vector(levels, integer(1, size))(entry_counts)
+        and integer(0, min(levels, MAX_DENSE_LEVELS))(dense_count)
         and all(n == size for n in entry_counts[dense_count:])
     )
     check(
@@ -99,8 +96,7 @@ def check_geometry(mesh: TetMesh, neighbours: np.ndarray, march_step: float) -> 
 def check_widths(name, widths) -> None:
     """Whether a network is small enough to be evaluated for each sample or ray."""
     check(
-        all(type(width) is int and width >= 1 for width in widths)
-        and len(widths) <= MOST_HIDDEN_LAYERS + 2,
+        listing(integer(1), MOST_HIDDEN_LAYERS + 2)(widths),
         f"its {name} network has the hidden layers {list(widths[1:-1])}, not up to "
         f"{MOST_HIDDEN_LAYERS} whole numbers from 1",
     )

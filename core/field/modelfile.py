@@ -15,9 +15,10 @@ import numpy as np
 
 from ..base.archive import unpacked_limit
 from ..base.paths import program_version, whole_file
+from ..base.schema import array, check, declared
 from ..base.streams import one_line, printable, shown
 from ..geometry import tet_neighbours
-from .archive import ModelFileError, check, open_arrays
+from .archive import ModelFileError, open_arrays
 from .bounds import (
     SMALLEST_MARCH_STEP,
     check_geometry,
@@ -31,9 +32,7 @@ from .field import FieldOptions, TetField, layer_widths
 from .layout import FEATURES, MOST_ENTRIES, make_layout
 from .packing import (
     INTEGERS,
-    array,
     check_tables,
-    declared,
     pack_layers,
     pack_mesh,
     pack_surroundings,
@@ -237,7 +236,7 @@ def read_meta(text: str) -> dict:
     """The values of a `meta` entry of a version that this program reads.
 
     Raises:
-        ModelFileError, or ValueError if it is no JSON.
+        FileError, or ValueError if it is no JSON.
     """
     try:
         meta = json.loads(text)

@@ -1,8 +1,8 @@
 """A field's mesh, tables and networks <-> the arrays of a model file.
 
 The reader does not trust a file.  `declared` checks an array's name, type and shape before its
-values are read (`core.base.archive`).  `array` reads the values and checks that they are finite.
-Every error is a ModelFileError of one sentence.
+values are read (`core.base.schema`).  `array` reads the values and checks that they are finite.
+Every error is a FileError of one sentence.
 
 docs/model-format.md describes the arrays.  The file stores nothing that can be computed from the
 rest of it:
@@ -25,8 +25,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..base.schema import array, check, declared
 from ..geometry import TetMesh, lattice_spacing, lattice_vertices
-from .archive import check
 from .bounds import LARGEST_WEIGHT
 from .grid import GRID_ENTRIES, GRID_LEVELS, Surroundings, surroundings_widths
 from .layout import FEATURES, MOST_ENTRIES, Layout
@@ -38,34 +38,6 @@ STIFFNESS_RANGE = 1e-3, 1e3
 LARGEST_SCALE = 1e3  # values then reach as far as float16's
 INTEGERS = (np.uint16, np.int32)
 RIG_FRAMES = "rig_frames_"
-
-
-def declared(arrays, name, dtypes, shape):
-    """The named array, not read, if it has that type (or one of a tuple) and shape.
-
-    None in the shape stands for any length.
-    """
-    dtypes = dtypes if isinstance(dtypes, tuple) else (dtypes,)
-    check(name in arrays, f"the array '{name}' is missing")
-    found = arrays[name]
-    fits = found.ndim == len(shape) and all(
-        want is None or want == have for want, have in zip(shape, found.shape, strict=True)
-    )
-    check(
-        found.dtype in dtypes and fits,
-        f"'{name}' is {found.dtype} {list(found.shape)}, "
-        f"it should be {' or '.join(str(np.dtype(t)) for t in dtypes)} "
-        f"{['any' if s is None else s for s in shape]}",
-    )
-    return found
-
-
-def array(arrays, name, dtypes, shape):
-    """The values of an array that is as `declared` wants it, and finite."""
-    found = np.asarray(declared(arrays, name, dtypes, shape))
-    if found.dtype.kind == "f":
-        check(np.isfinite(found).all(), f"'{name}' holds NaN or infinite values")
-    return found
 
 
 def pack_mesh(mesh: TetMesh, occupancy):

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.base import schema
 from ...core.base.reading import read_text
 from ...core.base.streams import printable, shown
 from ...core.render import in_space, look_at
@@ -218,8 +219,7 @@ def _pose(place, matrix):
 
 def _number(place, key, name, default, high, low=0.0):
     value = key.get(name, default)
-    known = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (known and low <= value <= high):
+    if not schema.number(low, high)(value):
         said = f"{place} has {name} = {shown(value)}"
         raise CameraPathError(f"{said}; {low:g} to {high:g} are possible")
     return float(value)
@@ -231,15 +231,9 @@ def _positive(place, key, name):
 
 def _point(place, key, name):
     value = key[name]
-    good = isinstance(value, list) and len(value) == 3
-    if not (good and all(_is_coordinate(x) for x in value)):
+    if not schema.vector(3, schema.number(-FARTHEST_POINT, FARTHEST_POINT))(value):
         raise CameraPathError(f"{place} has {name} = {shown(value)}; it has to be [x, y, z]")
     return np.array(value, float)
-
-
-def _is_coordinate(value):
-    known = isinstance(value, int | float) and not isinstance(value, bool)
-    return known and abs(value) <= FARTHEST_POINT
 
 
 def _refuse(name):

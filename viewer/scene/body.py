@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
+from ...core.base.schema import number
 from ...core.deform import Material, XpbdOptions, XpbdSolver
 from ...core.field import STIFFNESS_RANGE
 from ...core.geometry import signed_volumes
@@ -230,5 +231,4 @@ def _take_lengths(new, old):
 def stored_size(meta: dict) -> float | None:
     """The longest side [m] that a model states; None if it states none that can be one."""
     size = meta.get("size")
-    known = isinstance(size, int | float) and not isinstance(size, bool)
-    return float(size) if known and SMALLEST_SIZE <= size <= LARGEST_SIZE else None
+    return float(size) if number(SMALLEST_SIZE, LARGEST_SIZE)(size) else None

@@ -28,17 +28,19 @@ import numpy as np
 
 from ...core.base.paths import DEFAULT_MODEL, program_version, whole_file
 from ...core.base.reading import open_file
+from ...core.base.schema import integer
 from ...core.base.streams import printable, shown
 from ..history import EDITS, Event
 from ..scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
-from .session_values import bad_arguments, is_number
+from .session_values import bad_arguments
 
 log = logging.getLogger(__name__)
 
 KEY, VERSION = "deformrf session", 1
 LARGEST_FILE = 512 * 2**20  # bytes
 LONGEST = 24 * 3600 * 60  # ticks: a day
+is_tick = integer(0, LONGEST)
 MOST_EVENTS = 2_000_000
 LONGEST_LINE = 32 * 2**20  # bytes; an edit that deletes all of a million tets has as many
 
@@ -234,7 +236,7 @@ def _check_header(path, header, mesh):
             f"{mesh.tet_count} tets"
         )
     start, ticks = header.get("start"), header.get("ticks")
-    if not isinstance(start, dict) or not is_number(ticks, 0, LONGEST, int):
+    if not isinstance(start, dict) or not is_tick(ticks):
         raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
     _check(path, 1, "start", start, mesh.vertex_count)
 
@@ -247,7 +249,7 @@ def _event(path, number, line, vertex_count) -> Event:
     if not (isinstance(line, list) and len(line) == 3):
         raise SessionError(f"{place} is not [tick, name, arguments]")
     tick, name, arguments = line
-    if not is_number(tick, 0, LONGEST, int):
+    if not is_tick(tick):
         raise SessionError(f"{place} has the tick {shown(tick)}")
     if not isinstance(name, str) or (name != "view" and name not in EDITS):
         raise SessionError(f"{place} has the unknown edit {shown(name)}")

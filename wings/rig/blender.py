@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.base.archive import one_sentence, open_archive
+from ...core.base.schema import check, declared, listing, text
 from ...core.geometry import TetMesh, boundary_faces, tet_neighbours
 from .clips import Clip, VertexClip, clip_of_matrices
 from .rig import MOST_CLIPS, Rig
@@ -199,8 +200,7 @@ def _weights(weights):
 
 def _meta(arrays) -> dict:
     size = _shape(arrays, "meta")
-    if len(size) != 1 or size[0] > LONGEST_META:
-        raise ValueError(f"its 'meta' is {list(size)} long")
+    check(len(size) == 1 and size[0] <= LONGEST_META, f"its 'meta' is {list(size)} long")
     try:
         meta = json.loads(_array(arrays, "meta", "u1", size).tobytes().decode())
     except (ValueError, RecursionError) as error:
@@ -211,27 +211,19 @@ def _meta(arrays) -> dict:
         version = str(meta.get("format_version"))[:20]
         raise ValueError(f"it has format version {version!r}, this program reads {FORMAT_VERSION}")
     for name, most in (("bones", MOST_BONES), ("clips", MOST_CLIPS), ("shape_keys", MOST_SHAPES)):
-        names = meta.get(name)
-        good = isinstance(names, list) and all(isinstance(one, str) for one in names)
-        if not good or len(names) > most:
-            raise ValueError(f"its '{name}' is no list of at most {most} names")
+        good = listing(text(), most)(meta.get(name))
+        check(good, f"its '{name}' is no list of at most {most} names")
     return meta
 
 
 def _shape(arrays, name):
-    if name not in arrays:
-        raise ValueError(f"it has no array '{name}'")
+    check(name in arrays, f"it has no array '{name}'")
     return arrays[name].shape
 
 
 def _array(arrays, name, dtype, shape):
     """Finite values of an array of that type and shape."""
-    found, kind = _shape(arrays, name), arrays[name].dtype
-    if kind != np.dtype(dtype) or found != tuple(shape):
-        raise ValueError(
-            f"'{name}' is {kind} {list(found)}, it should be {np.dtype(dtype)} {list(shape)}"
-        )
-    values = np.asarray(arrays[name])
-    if values.dtype.kind == "f" and not np.isfinite(values).all():
-        raise ValueError(f"'{name}' holds NaN or infinity")
+    _shape(arrays, name)
+    values = np.asarray(declared(arrays, name, dtype, shape))
+    check(values.dtype.kind != "f" or np.isfinite(values).all(), f"'{name}' holds NaN or infinity")
     return values

@@ -19,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.base.schema import check
 from ...core.base.streams import one_line
 from . import rotations
 from .clips import PATHS, Channel, Clip
-from .gltf_file import Gltf, check
+from .gltf_file import Gltf
 from .gltf_nodes import placed, printable_name, read_nodes, scale_of, scales_of
 from .gltf_skin import bind_matrices, chosen_skin, surface
 from .rig import MOST_CLIPS

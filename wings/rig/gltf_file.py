@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.base.memory import no_garbage_collected
+from ...core.base.schema import check, integer
 from ...core.base.streams import one_line
 
 LARGEST_FILE = 2**29  # bytes
@@ -22,15 +23,11 @@ MOST_NUMBERS = 2**23  # of all tables together
 JSON, BINARY = 0x4E4F534A, 0x004E4942  # kinds of a .glb's chunks
 LISTS = ("accessors", "animations", "buffers", "bufferViews", "meshes", "nodes", "skins")
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+is_count = integer(0, 2**31 - 1)
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 DATA_URI = "data:"
 # Extensions that change how things look, or that `Gltf.numbers` reads.
 HARMLESS = ("KHR_materials", "KHR_texture", "KHR_lights", "EXT_texture", "KHR_mesh_quantization")
-
-
-def check(condition, sentence):
-    if not condition:
-        raise ValueError(sentence)
 
 
 class Part:
@@ -260,7 +257,3 @@ def _parts(text: bytes) -> Part:
 def json_values(text: bytes) -> int:
     """How many values JSON has at most, by its marks: before they take memory."""
     return 1 + sum(map(text.count, (b"{", b"[", b",", b":")))
-
-
-def is_count(value) -> bool:
-    return type(value) is int and 0 <= value < 2**31

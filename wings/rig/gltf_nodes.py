@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.base.schema import check
 from . import rotations
 from .clips import PATHS
-from .gltf_file import Gltf, check
+from .gltf_file import Gltf
 from .skeleton import LONGEST_NAME, parents_first
 
 MOST_NODES = 2**16

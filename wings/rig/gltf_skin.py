@@ -5,7 +5,8 @@ Shapes: S points, N triangles, W weights of a point.
 
 import numpy as np
 
-from .gltf_file import Gltf, Part, check
+from ...core.base.schema import check
+from .gltf_file import Gltf, Part
 
 MOST_POINTS = 2**18
 MOST_TRIANGLES = 2**20

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...core.base.archive import one_sentence, open_archive
 from ...core.base.paths import whole_file
+from ...core.base.schema import check, declared, listing
 from ...core.base.streams import shown
 from .clips import INTERPOLATIONS, PATHS, Channel, Clip, VertexClip
 from .rig import MOST_CLIPS, Rig
@@ -24,11 +25,6 @@ FORMAT, FORMAT_VERSION = "deformrf-rig", 1
 LONGEST_META = 2**20  # bytes
 MOST_KEYS = 2**22  # of all channels
 CHANNEL_COLUMNS = 5  # clip, bone, path, interpolation, keys
-
-
-def check(condition, sentence):
-    if not condition:
-        raise ValueError(sentence)
 
 
 def arrays_of(rig: Rig) -> dict[str, np.ndarray]:
@@ -207,8 +203,10 @@ def _meta(arrays) -> dict:
         isinstance(bones, list) and len(bones) <= MOST_BONES,
         f"its rig's 'bones' is no list of at most {MOST_BONES} names",
     )
-    good = isinstance(clips, list) and len(clips) <= MOST_CLIPS and all(map(_is_clip, clips))
-    check(good, f"its rig's 'clips' is no list of at most {MOST_CLIPS} names, kinds and durations")
+    check(
+        listing(_is_clip, MOST_CLIPS)(clips),
+        f"its rig's 'clips' is no list of at most {MOST_CLIPS} names, kinds and durations",
+    )
     return meta
 
 
@@ -226,17 +224,9 @@ def _shape(arrays, name):
 
 
 def _array(arrays, name, dtype, shape):
-    """The values of an array of that type and shape; None in the shape stands for any length."""
-    found = _shape(arrays, name)
-    fits = len(found) == len(shape) and all(
-        want in (None, have) for want, have in zip(shape, found, strict=True)
-    )
-    kind = arrays[name].dtype
-    check(
-        kind == np.dtype(dtype) and fits,
-        f"'{name}' is {kind} {list(found)}, it should be {np.dtype(dtype)} "
-        f"{['any' if s is None else s for s in shape]}",
-    )
-    longest = max(found, default=0)
+    """The values of an array of that type and shape, as `declared` takes them."""
+    _shape(arrays, name)
+    found = declared(arrays, name, dtype, shape)
+    longest = max(found.shape, default=0)
     check(longest <= MOST_KEYS, f"'{name}' has {longest} rows, more than {MOST_KEYS}")
-    return np.asarray(arrays[name])
+    return np.asarray(found)

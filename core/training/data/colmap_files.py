@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.schema import check
 from .errors import DatasetError
 from .posed_images import FARTHEST, rigid_pose, rotation_of
 
@@ -129,11 +130,6 @@ def read_points(path: Path):
         fine = bool((np.abs(points) <= FARTHEST).all())  # not so of NaN
         check(fine, f"has points that are no finite numbers, up to {FARTHEST:g}")
     return points
-
-
-def check(condition, sentence):
-    if not condition:
-        raise ValueError(sentence)
 
 
 @contextmanager

@@ -4,8 +4,6 @@ A file may be forged, or written by a faulty program.  Its tensors must not take
 the file has bytes, and its options and mesh must be ones that a run can have.
 """
 
-import dataclasses
-import math
 import pickletools
 import zipfile
 from pathlib import Path
@@ -13,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ...base.schema import check, flag, integer, listing, number, text, vector
 from ...base.streams import shown
 from ...field import check_geometry
 from ...geometry import TetMesh, tet_neighbours
@@ -32,19 +31,21 @@ CODES = {  # all that is in it
     *("REDUCE", *TUPLES, *REPEATED),
 }
 MADE = "collections OrderedDict", "torch._utils _rebuild_tensor_v2"  # and kinds of storages
-BOUNDS = {  # of numbers, both included
-    "spacing": (0.002, 0.5),
-    "coarse_steps": (0, 10**8),
-    "fine_steps": (0, 10**8),
-    "level_count": (1, 10),
-    "table_size_log2": (1, 24),
-    "march_step": (1e-4, 1.0),
-    "samples_per_step": (1, 2**26),
-    "learning_rate": (0.0, 1e3),
-    "color_width": (1, WIDEST),
-    "color_depth": (0, DEEPEST),
-    "distortion": (0.0, 1e6),
-    "seed": (0, 2**63 - 1),
+OPTIONS = {  # but for the box, the other numbers and what TrainOptions checks
+    "spacing": number(0.002, 0.5),
+    "coarse_steps": integer(0, 10**8),
+    "fine_steps": integer(0, 10**8),
+    "level_count": integer(1, 10),
+    "table_size_log2": integer(1, 24),
+    "march_step": number(1e-4, 1.0),
+    "samples_per_step": integer(1, 2**26),
+    "learning_rate": number(0.0, 1e3),
+    "surroundings": text(),
+    "view_dependence": flag,
+    "color_width": integer(1, WIDEST),
+    "color_depth": integer(0, DEEPEST),
+    "distortion": number(0.0, 1e6),
+    "seed": integer(0, 2**63 - 1),
 }
 
 
@@ -140,22 +141,14 @@ def check_content(content, most: int) -> None:
 
 
 def checked_options(values: dict) -> TrainOptions:
-    """The options; a ValueError or TypeError if no run has such."""
+    """The options; a FileError or TypeError if no run has such."""
     options = TrainOptions(**values)
-    for field in dataclasses.fields(options):
-        value = getattr(options, field.name)
-        if field.name in BOUNDS:
-            low, high = BOUNDS[field.name]
-            kinds = (int,) if field.type is int else (int, float)
-            if type(value) not in kinds or not low <= value <= high:
-                raise ValueError(f"its option {field.name} is {shown(value)}")
-        elif field.type in (bool, str) and type(value) is not field.type:
-            raise ValueError(f"its option {field.name} is {shown(value)}")
+    for name, good in OPTIONS.items():
+        value = getattr(options, name)
+        check(good(value), f"its option {name} is {shown(value)}")
     numbers = [*(options.aabb or ()), options.scene_radius or 1.0]
-    if options.aabb is not None and len(options.aabb) != 6:
-        raise ValueError("its box has no six numbers")
-    if not all(type(n) in (int, float) and math.isfinite(n) for n in numbers):
-        raise ValueError("its box is not finite")
+    check(options.aabb is None or len(options.aabb) == 6, "its box has no six numbers")
+    check(listing(number())(numbers), "its box is not finite")
     return options
 
 
@@ -180,35 +173,29 @@ def checked_scale(scale) -> float:
     """The scale of the loss that a checkpoint's moments are of.
 
     Raises:
-        ValueError: No run has such a one.
+        FileError: No run has such a one.
     """
-    if not (isinstance(scale, float) and 1.0 <= scale <= LARGEST_SCALE):
-        raise ValueError(f"a loss scaled by {shown(scale)}")
+    check(number(1.0, LARGEST_SCALE, float)(scale), f"a loss scaled by {shown(scale)}")
     return scale
 
 
 def checked_matrix(values) -> np.ndarray:
-    """From the world to the model; a ValueError or TypeError if it is none.  [4, 4]"""
-    rows = isinstance(values, list) and len(values) == 4
-    if not (rows and all(isinstance(row, list) and len(row) == 4 for row in values)):
-        raise ValueError("its transform is no 4 times 4 numbers")
-    matrix = np.array(values, float)
-    if not np.isfinite(matrix).all():
-        raise ValueError("its transform is not finite")
-    return matrix
+    """From the world to the model; a FileError if it is none.  [4, 4]"""
+    good = vector(4, vector(4, number()))(values)
+    check(good, "its transform is no 4 times 4 numbers")
+    return np.array(values, float)
 
 
 def checked_report(report) -> dict:
-    """The figures of a run; a ValueError, TypeError or KeyError if it can't go on from them."""
-    if not isinstance(report, dict) or not isinstance(report.get("history", []), list):
-        raise ValueError("its report is none")
+    """The figures of a run; a FileError, TypeError or KeyError if it can't go on from them."""
+    good = isinstance(report, dict) and isinstance(report.get("history", []), list)
+    check(good, "its report is none")
     whole = [report["view_count"], *report["image_size"]]
-    if len(whole) != 3 or not all(type(number) is int for number in whole):
-        raise ValueError("its report counts no images")
-    box = np.array(report.get("object_box", np.zeros((2, 3))), float)
-    numbers = [report["seconds"], report.get("object_slack", 0.0), *box.flat]
-    if box.shape != (2, 3) or not np.isfinite(np.array(numbers, float)).all():
-        raise ValueError("the box in its report is none")
+    check(vector(3, integer())(whole), "its report counts no images")
+    box = report.get("object_box", [[0.0] * 3] * 2)
+    good = vector(2, vector(3, number()))(box)
+    good = good and number()(report["seconds"]) and number()(report.get("object_slack", 0.0))
+    check(good, "the box in its report is none")
     if "object_box" in report and not {"object_stands", "object_slack"} <= set(report):
         raise KeyError("object_stands")
     return report
