@@ -172,14 +172,18 @@ def _read_header(stream, entry):
 
 
 @contextmanager
-def one_sentence(path):
-    """Turn any error in reading a file into a ValueError of one sentence with its path."""
+def one_sentence(path, foreseen=ValueError, kind=ValueError):
+    """Turn any error in reading a file into one of a kind: one sentence with the file's path.
+
+    Args:
+        foreseen: Errors that say what is wrong; others are damage.
+    """
     try:
         yield
     except MemoryError as error:
-        raise ValueError(f"{path} needs more memory than is free") from error
-    except ValueError as error:
+        raise kind(f"{path} needs more memory than is free") from error
+    except foreseen as error:
         line = one_line(error, LONGEST_REASON + len(str(path)))
-        raise ValueError(line if str(path) in line else f"{path}: {line}") from error
-    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ValueError(f"{path} is damaged: {one_line(error, LONGEST_REASON)}") from error
+        raise kind(line if str(path) in line else f"{path}: {line}") from error
+    except Exception as error:  # a file can hold anything
+        raise kind(f"{path} is damaged: {one_line(error, LONGEST_REASON)}") from error

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from ..base.archive import unpacked_limit
+from ..base.archive import one_sentence, open_archive, unpacked_limit
 from ..base.paths import program_version, whole_file
-from ..base.schema import array, check, declared
-from ..base.streams import one_line, printable, shown
+from ..base.schema import FileError, array, check, declared
+from ..base.streams import printable, shown
 from ..geometry import tet_neighbours
-from .archive import ModelFileError, open_arrays
+from .archive import ModelFileError
 from .bounds import (
     SMALLEST_MARCH_STEP,
     check_geometry,
@@ -80,7 +80,6 @@ TRAINING_TYPES = {
     "returns": int,
 }
 NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
-LONGEST_MESSAGE = 300  # characters: a damaged file may have anything as a value
 
 
 def save(
@@ -140,19 +139,15 @@ def load(path: str | Path) -> TetField:
         ModelFileError: The file is missing, is no model, has another version or is damaged.
     """
     path = Path(path)
-    try:
-        with open_arrays(path) as arrays:
-            return _build(arrays)
-    except ModelFileError as error:
-        line = one_line(error, LONGEST_MESSAGE)
-        raise ModelFileError(line if str(path) in line else f"{path}: {line}") from error
-    except MemoryError as error:
-        raise ModelFileError(f"{path} needs more memory than is free") from error
-    except Exception as error:  # a file can hold anything: what was not foreseen is damage too
-        raise ModelFileError(f"{path} is damaged: {one_line(error, LONGEST_MESSAGE)}") from error
+    with (
+        one_sentence(path, foreseen=FileError, kind=ModelFileError),
+        open_archive(path, "model file") as arrays,
+    ):
+        return _build(arrays)
 
 
 def _build(arrays) -> TetField:
+    check("meta" in arrays, "it is not a deformrf model: it has no 'meta' array")
     meta_bytes = declared(arrays, "meta", np.uint8, (None,)).shape[0]
     check(meta_bytes <= LONGEST_META, f"its 'meta' has {meta_bytes} bytes, over {LONGEST_META}")
     meta = read_meta(array(arrays, "meta", np.uint8, (None,)).tobytes().decode())
