@@ -61,12 +61,7 @@ def main():
 
 def prepare(arguments: EvaluateArguments):
     """Check the arguments and read images and model; returns the work."""
-    if not 0.01 <= arguments.step_factor <= 100.0:
-        raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
-    if not 1 <= arguments.samples <= MOST_SAMPLES:
-        raise ValueError(f"--samples is {arguments.samples}; give 1 to {MOST_SAMPLES}")
-    if arguments.split not in SPLITS:
-        raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
+    check_numbers(arguments)
     dataset = load_views(
         arguments.data,
         arguments.split,
@@ -74,25 +69,15 @@ def prepare(arguments: EvaluateArguments):
         arguments.views,
         outside=arguments.outside_images,
     )
-    for lens in dataset.lenses:
-        training.check_size(lens.height, lens.width)
-        if arguments.lpips_weights:
-            training.check_size(lens.height, lens.width, "LPIPS", training.LPIPS_SIZE_MIN)
-    if arguments.json:
-        training.check_replaceable(writable_file(arguments.json, ".json"))
-    if arguments.images:
-        arguments.images.mkdir(parents=True, exist_ok=True)
-        training.check_replaceable(*training.output_paths(arguments.images, dataset))
+    check_places(arguments, dataset)
     device = device_name(arguments.device)
     lpips = None
     if arguments.lpips_weights:
         require("torch", "lpips", "torchvision")
         lpips = training.Lpips(arguments.lpips_weights, device)
-
     field = fields.load(arguments.model)
     if field.surroundings is not None:
         require("torch")
-    options = render.RenderOptions(step_factor=arguments.step_factor)
 
     def job():
         if training.lacks_surroundings(field, dataset):
@@ -105,25 +90,53 @@ def prepare(arguments: EvaluateArguments):
         report = training.evaluate(
             field,
             dataset,
-            arguments.images,
-            device,
-            options,
-            arguments.model,
-            lpips,
-            arguments.samples,
+            out_dir=arguments.images,
+            device=device,
+            options=render.RenderOptions(step_factor=arguments.step_factor),
+            model_path=arguments.model,
+            lpips=lpips,
+            samples=arguments.samples,
         )
-        print_report(report)
-        not_written = report.get("not_written")
-        if arguments.json:
-            try:
-                training.write_report(report, arguments.json)
-            except OSError as error:
-                not_written = f"{arguments.json}: {error.strerror or error}"
-        if not_written:
-            return complain(PROGRAM, f"can't write {not_written}")
-        return 0 if report["complete"] else INTERRUPTED
+        return tell(report, arguments.json)
 
     return job
+
+
+def check_numbers(arguments: EvaluateArguments) -> None:
+    """Raise a ValueError if a number or the split can't be."""
+    if not 0.01 <= arguments.step_factor <= 100.0:
+        raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
+    if not 1 <= arguments.samples <= MOST_SAMPLES:
+        raise ValueError(f"--samples is {arguments.samples}; give 1 to {MOST_SAMPLES}")
+    if arguments.split not in SPLITS:
+        raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
+
+
+def check_places(arguments: EvaluateArguments, dataset) -> None:
+    """Raise a ValueError or OSError if images are too small, or files can't be written."""
+    for lens in dataset.lenses:
+        training.check_size(lens.height, lens.width)
+        if arguments.lpips_weights:
+            training.check_size(lens.height, lens.width, "LPIPS", training.LPIPS_SIZE_MIN)
+    if arguments.json:
+        training.check_replaceable(writable_file(arguments.json, ".json"))
+    if arguments.images:
+        arguments.images.mkdir(parents=True, exist_ok=True)
+        training.check_replaceable(*training.output_paths(arguments.images, dataset))
+
+
+def tell(report: dict, path: Path | None) -> int:
+    """Print the report, and write it to a path; returns the exit code."""
+    print_report(report)
+    not_written = report.get("not_written")
+    if path:
+        try:
+            training.write_report(report, path)
+        except OSError as error:
+            not_written = f"{path}: {error.strerror or error}"
+    if not_written:
+        return complain(PROGRAM, f"can't write {not_written}")
+    return 0 if report["complete"] else INTERRUPTED
 
 
 def print_report(report):

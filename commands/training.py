@@ -161,11 +161,7 @@ def prepare_training(
     # A run that was interrupted while it sought cameras has no checkpoint yet.
     begun = arguments.resume and not needs_cameras(arguments.data)
     resumed = resumed_run(arguments, checkpoint_path) if begun else None
-    if checkpoint_path.exists() and not training.is_checkpoint(checkpoint_path):
-        raise ValueError(
-            f"this run would write its checkpoints to {checkpoint_path}, which is no checkpoint "
-            f"of this program: move it, or give the model another name"
-        )
+    check_checkpoint(checkpoint_path)
     options = resumed.options if resumed else train_options(arguments)
     data = prepared(arguments.data, output, arguments.image_size)
     arguments = replace(arguments, data=data.folder, image_size=data.image_size)
@@ -212,30 +208,44 @@ def prepare_training(
         path = output
         if existed and not trained.complete:  # an unfinished model never replaces a finished one
             path = output.with_stem(output.stem + "-interrupted")
-        checkpoint = checkpoint_path if trained.resumable else None
         try:
             scores = save(trained, path, arguments, test_views, device)
         except OSError as error:
             second = second_place(trained, path, arguments)
-            return complain(PROGRAM, lost(error, path, second, checkpoint))
+            kept = checkpoint_path if trained.resumable else None
+            return complain(PROGRAM, lost(error, path, second, kept))
         print(summary(trained, path, scores))
         if "coarse-stage" in options.leave_out:
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
-        if trained.diverged:
-            complain(PROGRAM, trained.diverged)
-            return FAILED
-        if trained.out_of_memory:
-            return complain(PROGRAM, trained.out_of_memory)
-        if trained.interrupted and trained.resumable:
-            print("Continue with the same command and --resume.")
-        if trained.complete:
-            checkpoint_path.unlink(missing_ok=True)
-        if scores and "not_written" in scores:
-            return complain(PROGRAM, f"can't add the scores to {scores['not_written']}")
-        all_done = trained.complete and (scores is None or scores["complete"])
-        return 0 if all_done else INTERRUPTED
+        return ended(trained, scores, checkpoint_path)
 
     return job
+
+
+def check_checkpoint(path: Path) -> None:
+    """Raise a ValueError if something else is where the run would write its checkpoints."""
+    if path.exists() and not training.is_checkpoint(path):
+        raise ValueError(
+            f"this run would write its checkpoints to {path}, which is no checkpoint "
+            f"of this program: move it, or give the model another name"
+        )
+
+
+def ended(trained, scores: dict | None, checkpoint_path: Path) -> int:
+    """Say how a run ended whose model is written, and what goes on; returns the exit code."""
+    if trained.diverged:
+        complain(PROGRAM, trained.diverged)
+        return FAILED
+    if trained.out_of_memory:
+        return complain(PROGRAM, trained.out_of_memory)
+    if trained.interrupted and trained.resumable:
+        print("Continue with the same command and --resume.")
+    if trained.complete:
+        checkpoint_path.unlink(missing_ok=True)
+    if scores and "not_written" in scores:
+        return complain(PROGRAM, f"can't add the scores to {scores['not_written']}")
+    all_done = trained.complete and (scores is None or scores["complete"])
+    return 0 if all_done else INTERRUPTED
 
 
 def load_test_views(arguments: TrainArguments):

@@ -82,13 +82,6 @@ SLOW = {
     "markdown_it",
 }  # imported when used: --help has to answer at once
 FUNCTION_LINES_MAX = 60
-LONGER = {  # for now
-    "prepare",
-    "prepare_training",
-    "evaluate",
-    "act",
-    "make_bar",
-}
 
 
 def module_name(path):
@@ -186,8 +179,6 @@ def runs_on_a_device(function):
 def test_functions_stay_short(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef) and not runs_on_a_device(node):
-            if node.name in LONGER:
-                continue
             count = lines_of(node)
             place = f"{path.relative_to(ROOT)}: {node.name}"
             assert count <= FUNCTION_LINES_MAX, f"{place} has {count} lines of code: divide it"

@@ -71,76 +71,113 @@ def evaluate(
     if paths:
         check_replaceable(*paths)
         paths[0].parent.mkdir(parents=True, exist_ok=True)
-    facts = model_facts(field, model_path)
     options = replace(options or RenderOptions(), background=(1.0, 1.0, 1.0))
-    renderer = Renderer(field, device=device)
+    facts = {
+        "model": model_facts(field, model_path),
+        "split": dataset.split,
+        "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
+        "device": str(device),
+        "step_factor": options.step_factor,
+        "samples": samples,
+    }
+    scoring = Scoring(dataset, paths, lpips, facts)
+    renderer, around = Renderer(field, device=device), surroundings_of(field, device)
     poses = in_space(dataset.poses, field.world_to_model)
     views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
-    around = None
-    if field.surroundings is not None:
-        from .run.surroundings import LearnedSurroundings  # with torch
-
-        around = LearnedSurroundings(field.surroundings, device)
     small = Camera(poses[0], dataset.lenses[0].resized(8, 8))
     render_view(renderer, around, small, options)  # compiles the kernels
-    has_alpha = dataset.has_alpha
-    failures = []
+    scoring.report([])  # if the run is killed, it shows that the pictures are ours
 
-    def write(path, save):
+    def render(camera):
+        """The scored image, the one with one ray a pixel, and the seconds of that one."""
+        begin = time.perf_counter()
+        one_ray = render_view(renderer, around, camera, options)
+        seconds = time.perf_counter() - begin
+        if samples == 1:
+            return one_ray, one_ray, seconds
+        return render_view(renderer, around, camera, options, samples), one_ray, seconds
+
+    # On a GPU SSIM takes longer than a render.  On the CPU it would slow the render down.
+    waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
+    report = scoring.report(score_views(views, render, scoring, waiting))
+    if scoring.failures:
+        report["not_written"] = scoring.failures[0]
+    return report
+
+
+class Scoring:
+    """The scores of views, and the files that they are written to.
+
+    Attributes:
+        paths: As `output_paths` gives them; None writes no files.
+        facts: The first entries of the report.
+        failures: Files that couldn't be written, with the reasons.
+    """
+
+    def __init__(self, dataset: Dataset, paths: list[Path] | None, lpips, facts: dict):
+        self.dataset, self.paths, self.lpips, self.facts = dataset, paths, lpips, facts
+        self.failures: list[str] = []
+        self._has_alpha = dataset.has_alpha
+
+    def score(self, index: int, rendered, one_ray, seconds: float) -> dict:
+        """The row of a view in the report; writes its picture."""
+        truth = self.dataset.image(index)
+        if self.paths:
+            picture = Image.fromarray(side_by_side(rendered, truth))
+            self._write(self.paths[1 + index], lambda partial: picture.save(partial, "PNG"))
+        scores = score_view(rendered, truth, self._has_alpha, self.lpips)
+        scores["psnr_one_ray"] = psnr_of(one_ray, truth)
+        return {"name": self.dataset.names[index], **scores, "seconds": seconds}
+
+    def report(self, rows: list[dict]) -> dict:
+        """The report of these views; writes it."""
+        report = self.facts | {
+            "complete": len(rows) == self.dataset.view_count,
+            "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
+            "views": rows,
+        }
+        if self.paths:
+            text = as_json(report)
+            self._write(self.paths[0], lambda partial: partial.write_text(text, encoding="utf-8"))
+        return report
+
+    def _write(self, path: Path, save) -> None:
         try:
             with whole_file(path) as partial:
                 save(partial)
         except OSError as error:
-            failures.append(f"{path}: {error.strerror or error}")
+            self.failures.append(f"{path}: {error.strerror or error}")
 
-    def score(index, rendered, one_ray, seconds):
-        truth = dataset.image(index)
-        if paths:
-            picture = Image.fromarray(side_by_side(rendered, truth))
-            write(paths[1 + index], lambda partial: picture.save(partial, "PNG"))
-        scores = score_view(rendered, truth, has_alpha, lpips)
-        scores["psnr_one_ray"] = psnr_of(one_ray, truth)
-        return {"name": dataset.names[index], **scores, "seconds": seconds}
 
-    def write_report_of(rows) -> dict:
-        report = {
-            "model": facts,
-            "split": dataset.split,
-            "sizes": sorted({f"{lens.width}x{lens.height}" for lens in dataset.lenses}),
-            "device": str(device),
-            "step_factor": options.step_factor,
-            "samples": samples,
-            "complete": len(rows) == dataset.view_count,
-            "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
-            "views": rows,
-        }
-        if paths:
-            write(paths[0], lambda partial: partial.write_text(as_json(report), encoding="utf-8"))
-        return report
+def score_views(views, render, scoring: Scoring, waiting: int) -> list[dict]:
+    """The rows of the views, rendered one after the other and scored beside that.
 
-    write_report_of([])  # if the run is killed, it shows that the pictures are ours
-    # On a GPU SSIM takes longer than a render.  On the CPU it would slow the render down.
-    waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1
+    Ctrl-C ends it early, with the rows of the views that are done.
+
+    Args:
+        render: Gives a camera's images and seconds, as `Scoring.score` takes them.
+        waiting: Views that are rendered and not scored yet, at most.
+    """
     jobs = []
     with ThreadPoolExecutor(thread_count()) as pool:
         try:
             for index, camera in enumerate(track(views, len(views), "Evaluating")):
-                begin = time.perf_counter()
-                one_ray = render_view(renderer, around, camera, options)
-                seconds = time.perf_counter() - begin
-                rendered = one_ray
-                if samples > 1:
-                    rendered = render_view(renderer, around, camera, options, samples)
-                jobs.append(pool.submit(score, index, rendered, one_ray, seconds))
+                jobs.append(pool.submit(scoring.score, index, *render(camera)))
                 if len(jobs) >= waiting:
                     jobs[-waiting].result()
             wait(jobs)
         except KeyboardInterrupt:
             pass  # the report says that it is not complete
-    report = write_report_of([job.result() for job in jobs])
-    if failures:
-        report["not_written"] = failures[0]
-    return report
+    return [job.result() for job in jobs]
+
+
+def surroundings_of(field: TetField, device):
+    """The field's surroundings on the device; None without any."""
+    if field.surroundings is None:
+        return None
+    from .run.surroundings import LearnedSurroundings  # with torch
+
+    return LearnedSurroundings(field.surroundings, device)
 
 
 def output_paths(out_dir: str | Path, dataset: Dataset) -> list[Path]:

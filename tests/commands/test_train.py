@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from deformrf.commands import train
-from deformrf.commands import train_view as train_command
+from deformrf.commands import train as train_command
 from deformrf.commands.running import INTERRUPTED
 from deformrf.core.field import modelfile
 from deformrf.core.training import preset, trained_tets, trainer

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_hands import use
 
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
@@ -16,99 +17,103 @@ def scene(ball):
     return Scene(ball, "ball", "cpu")
 
 
-def act(scene, random, count):
+class RandomBones:
     """Random edits of bones and clips, with hands and a timeline between them."""
-    posing, rigging, line = scene.posing, scene.rigging, scene.timeline
 
-    def place():
-        return 0.5 + random.uniform(-0.3, 0.3, 3)
+    def __init__(self, scene, random):
+        self.scene, self.random = scene, random
+        self.posing, self.rigging, self.line = scene.posing, scene.rigging, scene.timeline
 
-    def joint():
-        names = [one.name for one in rigging.joints]
-        return names[random.integers(len(names))] if names else None
+    def place(self):
+        return 0.5 + self.random.uniform(-0.3, 0.3, 3)
 
-    def choose():
-        rigging.selected = joint()
+    def joint(self):
+        names = [one.name for one in self.rigging.joints]
+        return names[self.random.integers(len(names))] if names else None
 
-    def on_joint(act, *more):
-        chosen = joint()
+    def choose(self):
+        self.rigging.selected = self.joint()
+
+    def on_joint(self, act, *more):
+        chosen = self.joint()
         if chosen is not None:
             act(*chosen, *more)
 
-    def turn():
-        if rigging.bone_count:
-            bone = int(random.integers(rigging.bone_count))
-            posing.hold_bone(bone)
-            way = random.normal(size=3)
-            posing.aim(rig.turned(rigging.skeleton, posing.current, bone, way))
+    def turn(self):
+        if self.rigging.bone_count:
+            bone = int(self.random.integers(self.rigging.bone_count))
+            self.posing.hold_bone(bone)
+            way = self.random.normal(size=3)
+            self.posing.aim(rig.turned(self.rigging.skeleton, self.posing.current, bone, way))
 
-    def reach():
-        if rigging.bone_count:
-            bone = int(random.integers(rigging.bone_count))
-            posing.hold_bone(bone)
-            posing.aim(rig.reach(rigging.skeleton, posing.current, bone, place()))
+    def reach(self):
+        if self.rigging.bone_count:
+            bone = int(self.random.integers(self.rigging.bone_count))
+            self.posing.hold_bone(bone)
+            bones = self.rigging.skeleton
+            self.posing.aim(rig.reach(bones, self.posing.current, bone, self.place()))
 
-    def with_clip(act, *more):
-        if rigging.clips:
-            act(rigging.clips[random.integers(len(rigging.clips))].name, *more)
+    def with_clip(self, act, *more):
+        if self.rigging.clips:
+            act(self.rigging.clips[self.random.integers(len(self.rigging.clips))].name, *more)
 
-    def save():
+    def save(self):
         try:
-            rigging.save_clip(str(random.choice(["a", "b"])))
+            self.rigging.save_clip(str(self.random.choice(["a", "b"])))
         except ValueError:  # too few keys are of these bones
             pass
 
-    def drag():
-        if scene.handles.grabbed is None:
-            scene.handles.grab(int(random.choice(scene.handles.control_ids)))
+    def drag(self):
+        if self.scene.handles.grabbed is None:
+            self.scene.handles.grab(int(self.random.choice(self.scene.handles.control_ids)))
         else:
-            way = random.normal(scale=0.05, size=3)
-            scene.handles.drag_to(scene.handles.grabbed.target.place + way)
+            way = self.random.normal(scale=0.05, size=3)
+            self.scene.handles.drag_to(self.scene.handles.grabbed.target.place + way)
 
-    def delete():
-        count = scene.field.mesh.tet_count
-        some = random.choice(count, 3, replace=False)
+    def delete(self):
+        count = self.scene.field.mesh.tet_count
+        some = self.random.choice(count, 3, replace=False)
         masks = np.zeros(count, np.uint64)
         masks[some] = np.uint64(2**64 - 1)
-        scene.cuts.delete(masks)
+        self.scene.cuts.delete(masks)
 
-    edits = (
-        *(lambda: rigging.add_joint(place()),) * 3,
-        choose,
-        lambda: on_joint(rigging.move_joint, place()),
-        lambda: random.integers(3) or on_joint(rigging.delete_joint),
-        *(turn,) * 5,
-        *(reach,) * 3,
-        lambda: rigging.bone_count and posing.rest_bones([0]),
-        *(lambda: line.key(int(random.integers(40)), None, True),) * 4,
-        *(save,) * 2,
-        *(lambda: with_clip(posing.play_clip),) * 3,
-        lambda: with_clip(posing.scrub_clip, float(random.uniform(0.0, 1.0))),
-        lambda: random.integers(3) or with_clip(rigging.delete_clip),
-        posing.stop_clip,
-        lambda: posing.loop_clip(bool(random.integers(2))),
-        lambda: posing.set_clip_speed(float(random.uniform(-2.0, 2.0))),
-        *(lambda: posing.set_softness(float(random.choice([0.0, 0.3, 0.9]))),) * 2,
-        lambda: posing.set_skinning(str(random.choice(rig.METHODS))),
-        *(line.play,) * 2,
-        lambda: line.scrub(int(random.integers(40))),
-        lambda: line.set_motion(str(random.choice(["interpolation", "physics"]))),
-        *(drag,) * 3,
-        scene.handles.release,
-        delete,
-        lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
-        lambda: scene.handles.set_pin(
-            int(random.integers(len(scene.positions))), bool(random.integers(2))
-        ),
-        scene.reset,
-        scene.undo,
-        scene.redo,
-        scene.single_step,
-    )
-    for _ in range(count):
-        edits[random.integers(len(edits))]()
-        for _ in range(random.integers(4)):
-            scene.advance(float(random.uniform(0.0, 0.15)))
+    def edits(self):
+        """All of them, likely ones several times."""
+        scene, random, line = self.scene, self.random, self.line
+        posing, rigging = self.posing, self.rigging
+        return (
+            *(lambda: rigging.add_joint(self.place()),) * 3,
+            self.choose,
+            lambda: self.on_joint(rigging.move_joint, self.place()),
+            lambda: random.integers(3) or self.on_joint(rigging.delete_joint),
+            *(self.turn,) * 5,
+            *(self.reach,) * 3,
+            lambda: rigging.bone_count and posing.rest_bones([0]),
+            *(lambda: line.key(int(random.integers(40)), None, True),) * 4,
+            *(self.save,) * 2,
+            *(lambda: self.with_clip(posing.play_clip),) * 3,
+            lambda: self.with_clip(posing.scrub_clip, float(random.uniform(0.0, 1.0))),
+            lambda: random.integers(3) or self.with_clip(rigging.delete_clip),
+            posing.stop_clip,
+            lambda: posing.loop_clip(bool(random.integers(2))),
+            lambda: posing.set_clip_speed(float(random.uniform(-2.0, 2.0))),
+            *(lambda: posing.set_softness(float(random.choice([0.0, 0.3, 0.9]))),) * 2,
+            lambda: posing.set_skinning(str(random.choice(rig.METHODS))),
+            *(line.play,) * 2,
+            lambda: line.scrub(int(random.integers(40))),
+            lambda: line.set_motion(str(random.choice(["interpolation", "physics"]))),
+            *(self.drag,) * 3,
+            scene.handles.release,
+            self.delete,
+            lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
+            lambda: scene.handles.set_pin(
+                int(random.integers(len(scene.positions))), bool(random.integers(2))
+            ),
+            scene.reset,
+            scene.undo,
+            scene.redo,
+            scene.single_step,
+        )
 
 
 @pytest.mark.parametrize("trial", range(3))
@@ -118,7 +123,7 @@ def test_random_use_of_bones_plays_again_to_the_bit_and_undoes_to_the_beginning(
     seed = int(np.random.default_rng().integers(2**32))
     random, start = np.random.default_rng(seed), start_of(scene)
     before = scene.solver.vertices.numpy().copy()
-    act(scene, random, 150)
+    use(scene, random, RandomBones(scene, random).edits(), 150, most_frames=4)
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
     other = Scene(ball, "ball", "cpu")
     player = Player(other, session)

@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from random_hands import use
 
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.films.film import Film
@@ -40,69 +41,72 @@ def vertices(scene):
     return scene.solver.vertices.numpy().copy()
 
 
-def act(scene, random, count):
-    """Random edits of a timeline, with hands in between, and frames of random lengths."""
-    line = scene.timeline
+class RandomTimeline:
+    """Random edits of a timeline, with hands in between."""
 
-    def some_key():
-        track = str(random.choice(["camera", "pose"]))
-        keys = line.keys[track]
-        return (track, int(random.choice([key.tick for key in keys]))) if keys else None
+    def __init__(self, scene, random):
+        self.scene, self.random = scene, random
+        self.line = scene.timeline
 
-    def with_some(name, *values):
-        at = some_key()
+    def some_key(self):
+        track = str(self.random.choice(["camera", "pose"]))
+        keys = self.line.keys[track]
+        return (track, int(self.random.choice([key.tick for key in keys]))) if keys else None
+
+    def with_some(self, name, *values):
+        at = self.some_key()
         if at is not None:
-            getattr(line, name)(*at, *values)
+            getattr(self.line, name)(*at, *values)
 
-    def tick():
-        return int(random.integers(60))
+    def tick(self):
+        return int(self.random.integers(60))
 
-    def turn():
-        scene.orbit = orbits.turned(scene.orbit, *random.normal(scale=20.0, size=2), 240)
+    def turn(self):
+        way = self.random.normal(scale=20.0, size=2)
+        self.scene.orbit = orbits.turned(self.scene.orbit, *way, 240)
 
-    def drag():
-        if scene.handles.grabbed is None:
-            scene.handles.grab(int(random.choice(scene.handles.control_ids)))
+    def drag(self):
+        if self.scene.handles.grabbed is None:
+            self.scene.handles.grab(int(self.random.choice(self.scene.handles.control_ids)))
         else:
-            scene.handles.drag_to(
-                scene.handles.grabbed.target.place + random.normal(scale=0.05, size=3)
+            self.scene.handles.drag_to(
+                self.scene.handles.grabbed.target.place + self.random.normal(scale=0.05, size=3)
             )
 
-    def blend():
-        if line.poses:
-            line.blend_pose(line.poses[0].name, float(random.uniform(-1.0, 1.0)))
+    def blend(self):
+        if self.line.poses:
+            self.line.blend_pose(self.line.poses[0].name, float(self.random.uniform(-1.0, 1.0)))
 
-    edits = (
-        *(lambda: line.key(tick(), view(scene), bool(random.integers(4))),) * 3,
-        *(line.play,) * 4,
-        *(drag,) * 4,
-        lambda: line.scrub(tick()),
-        line.stop,
-        lambda: with_some("move_key", tick()),
-        lambda: with_some("copy_key", tick()),
-        lambda: with_some("delete_key"),
-        lambda: with_some("ease_key", str(random.choice(list(k.EASINGS)))),
-        lambda: line.set_loop(bool(random.integers(2))),
-        lambda: line.set_motion(str(random.choice(["interpolation", "physics"]))),
-        lambda: line.turntable(int(random.integers(1, 90)), view(scene)),
-        lambda: line.save_pose(str(random.choice(["a", "b"]))),
-        blend,
-        turn,
-        lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
-        lambda: scene.handles.set_pin(
-            int(random.integers(len(scene.positions))), bool(random.integers(2))
-        ),
-        lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(5, 7))),
-        scene.handles.release,
-        scene.reset,
-        scene.undo,
-        scene.redo,
-        scene.single_step,
-    )
-    for _ in range(count):
-        edits[random.integers(len(edits))]()
-        for _ in range(random.integers(4)):
-            scene.advance(float(random.uniform(0.0, 0.15)))
+    def edits(self):
+        """All of them, likely ones several times."""
+        scene, random, line = self.scene, self.random, self.line
+        return (
+            *(lambda: line.key(self.tick(), view(scene), bool(random.integers(4))),) * 3,
+            *(line.play,) * 4,
+            *(self.drag,) * 4,
+            lambda: line.scrub(self.tick()),
+            line.stop,
+            lambda: self.with_some("move_key", self.tick()),
+            lambda: self.with_some("copy_key", self.tick()),
+            lambda: self.with_some("delete_key"),
+            lambda: self.with_some("ease_key", str(random.choice(list(k.EASINGS)))),
+            lambda: line.set_loop(bool(random.integers(2))),
+            lambda: line.set_motion(str(random.choice(["interpolation", "physics"]))),
+            lambda: line.turntable(int(random.integers(1, 90)), view(scene)),
+            lambda: line.save_pose(str(random.choice(["a", "b"]))),
+            self.blend,
+            self.turn,
+            lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
+            lambda: scene.handles.set_pin(
+                int(random.integers(len(scene.positions))), bool(random.integers(2))
+            ),
+            lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(5, 7))),
+            scene.handles.release,
+            scene.reset,
+            scene.undo,
+            scene.redo,
+            scene.single_step,
+        )
 
 
 @pytest.mark.parametrize("trial", range(3))
@@ -112,7 +116,7 @@ def test_random_timelines_play_again_to_the_bit_and_undo_to_the_beginning(
     seed = int(np.random.default_rng().integers(2**32))
     random, start = np.random.default_rng(seed), start_of(scene)
     before, fresh = vertices(scene), scene.timeline.state()
-    act(scene, random, 120)
+    use(scene, random, RandomTimeline(scene, random).edits(), 120, most_frames=4)
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
     other = Scene(ball, "ball", "cpu")
     player = Player(other, session)

@@ -69,30 +69,23 @@ def make_bar(rng):
     inverse[0, :3, 3], inverse[1, :3, 3] = [-1, -130, -3], [-1, -2, -3]
     inverse[0, :3] *= 0.5  # joint 1 is scaled by 2 in the bind pose, as node 2 has it
     turns = rotations.unit(rng.normal(size=(3, 4))).astype("<f4")
-    file.parts |= {
-        "meshes": [
-            {
-                "primitives": [
-                    {
-                        "attributes": {
-                            "POSITION": file.add(points, "VEC3"),
-                            "JOINTS_0": file.add(joints, "VEC4"),
-                            "WEIGHTS_0": file.add(weights, "VEC4"),
-                        },
-                        "indices": file.add(np.arange(12, dtype="<u2"), "SCALAR"),
-                    }
-                ]
-            }
-        ],
-        "skins": [
-            {
-                "joints": [1, 3],
-                "inverseBindMatrices": file.add(
-                    np.swapaxes(inverse, 1, 2).reshape(2, 16).astype("<f4"), "MAT4"
-                ),
-            }
-        ],
+    attributes = {
+        "POSITION": file.add(points, "VEC3"),
+        "JOINTS_0": file.add(joints, "VEC4"),
+        "WEIGHTS_0": file.add(weights, "VEC4"),
     }
+    indices = file.add(np.arange(12, dtype="<u2"), "SCALAR")
+    binds = file.add(np.swapaxes(inverse, 1, 2).reshape(2, 16).astype("<f4"), "MAT4")
+    file.parts |= {
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
+        "skins": [{"joints": [1, 3], "inverseBindMatrices": binds}],
+        "animations": [wave(file, rng, turns)],
+    }
+    return file, points, weights, inverse
+
+
+def wave(file, rng, turns):
+    """The clip of the bar."""
     shifts = rng.normal(size=(9, 3)).astype("<f4")
     sizes = rng.uniform(0.5, 2.0, (3, 1)).astype("<f4").repeat(3, axis=1)
     times = file.add(TIMES, "SCALAR")
@@ -100,27 +93,19 @@ def make_bar(rng):
         (1, "rotation", "LINEAR", file.add(turns, "VEC4")),
         (3, "rotation", "STEP", file.add(turns[::-1], "VEC4")),
         (3, "translation", "CUBICSPLINE", file.add(shifts, "VEC3")),
-        (
-            3,
-            "scale",
-            "LINEAR",
-            file.add(sizes, "VEC3"),
-        ),
+        (3, "scale", "LINEAR", file.add(sizes, "VEC3")),
     ]
-    file.parts["animations"] = [
-        {
-            "name": "Wave",
-            "channels": [
-                {"sampler": i, "target": {"node": node, "path": path}}
-                for i, (node, path, _, _) in enumerate(values)
-            ],
-            "samplers": [
-                {"input": times, "interpolation": kind, "output": output}
-                for _, _, kind, output in values
-            ],
-        }
-    ]
-    return file, points, weights, inverse
+    return {
+        "name": "Wave",
+        "channels": [
+            {"sampler": i, "target": {"node": node, "path": path}}
+            for i, (node, path, _, _) in enumerate(values)
+        ],
+        "samplers": [
+            {"input": times, "interpolation": kind, "output": output}
+            for _, _, kind, output in values
+        ],
+    }
 
 
 def make_skin(points, triangles):

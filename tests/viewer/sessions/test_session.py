@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from random_hands import use
 
 from deformrf.core.deform import PRESETS
 from deformrf.core.field import pack_mask, subtet_middles
@@ -26,92 +27,94 @@ def scene(ball):
     return Scene(ball, "ball", "cpu")
 
 
-def act(scene, random, count):
-    """Random edits, and frames of random lengths between them."""
+class RandomHand:
+    """Random edits of the object."""
 
-    def drag():
-        handles = scene.handles
+    def __init__(self, scene, random):
+        self.scene, self.random = scene, random
+
+    def drag(self):
+        handles = self.scene.handles
         if handles.grabbed is None:
-            scene.settings.grab_radius = float(random.uniform(0.0, 0.4))
-            scene.settings.soft_grab = bool(random.integers(2))
+            self.scene.settings.grab_radius = float(self.random.uniform(0.0, 0.4))
+            self.scene.settings.soft_grab = bool(self.random.integers(2))
             free = handles.control_ids
             if len(free):
-                handles.grab(int(random.choice(free)))
-        elif random.integers(3):
-            handles.drag_to(handles.grabbed.target.place + random.normal(scale=0.05, size=3))
-        elif random.integers(2):
-            handles.turn_to(random.normal(scale=0.5, size=3), random.uniform(0.7, 1.4))
+                handles.grab(int(self.random.choice(free)))
+        elif self.random.integers(3):
+            handles.drag_to(handles.grabbed.target.place + self.random.normal(scale=0.05, size=3))
+        elif self.random.integers(2):
+            handles.turn_to(self.random.normal(scale=0.5, size=3), self.random.uniform(0.7, 1.4))
         else:
-            handles.widen(random.uniform(0.7, 1.4))
+            handles.widen(self.random.uniform(0.7, 1.4))
 
-    def select():
-        free = scene.handles.control_ids
+    def select(self):
+        free = self.scene.handles.control_ids
         if len(free):
-            how = str(random.choice(["replace", "add", "remove", "intersect", "toggle"]))
-            scene.handles.select(random.choice(free, 5), how)
+            how = str(self.random.choice(["replace", "add", "remove", "intersect", "toggle"]))
+            self.scene.handles.select(self.random.choice(free, 5), how)
 
-    def pin():
-        if scene.handles.grabbed is not None:
-            scene.handles.pin_grab()
+    def pin(self):
+        if self.scene.handles.grabbed is not None:
+            self.scene.handles.pin_grab()
         else:
-            scene.handles.set_pin(
-                int(random.integers(len(scene.positions))), bool(random.integers(2))
+            self.scene.handles.set_pin(
+                int(self.random.integers(len(self.scene.positions))), bool(self.random.integers(2))
             )
 
-    def push():
-        shown = scene.handles.control_ids
-        if scene.ball is not None:
-            scene.push_to(scene.ball.target + random.normal(scale=0.05, size=3))
+    def push(self):
+        shown = self.scene.handles.control_ids
+        if self.scene.ball is not None:
+            self.scene.push_to(self.scene.ball.target + self.random.normal(scale=0.05, size=3))
         elif len(shown):  # not all are hidden
-            scene.push(scene.handles.at(shown[:1])[0], [0.0, -1.0, 0.0])
+            self.scene.push(self.scene.handles.at(shown[:1])[0], [0.0, -1.0, 0.0])
 
-    def cancel():
-        if scene.handles.grabbed is not None:
-            scene.handles.cancel()
+    def cancel(self):
+        if self.scene.handles.grabbed is not None:
+            self.scene.handles.cancel()
 
-    def paint():
-        scene.paint(random.uniform(0.2, 0.8, 3), float(random.choice([0.8, 1.2])))
+    def paint(self):
+        self.scene.paint(self.random.uniform(0.2, 0.8, 3), float(self.random.choice([0.8, 1.2])))
 
-    def delete():
+    def delete(self):
         """What lies behind a plane, a twentieth of the object at first."""
-        along = subtet_middles(scene.field.mesh) @ random.normal(size=3)
+        along = subtet_middles(self.scene.field.mesh) @ self.random.normal(size=3)
         with suppress(ValueError):  # all that is left lies there
-            scene.cuts.delete(pack_mask(along > np.quantile(along, 0.95)))
+            self.scene.cuts.delete(pack_mask(along > np.quantile(along, 0.95)))
 
-    edits = (
-        *(drag,) * 6,
-        delete,
-        *(push,) * 2,
-        *(select,) * 2,
-        scene.handles.hide,
-        scene.handles.unhide,
-        lambda: scene.handles.add_point(random.uniform(0.3, 0.7, 3)),
-        pin,
-        cancel,
-        paint,
-        scene.handles.release,
-        scene.end_push,
-        scene.reset,
-        scene.undo,
-        scene.redo,
-        scene.body.rest_here,
-        scene.body.undo_rest_here,
-        scene.body.clear_paint,
-        lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(4, 7))),
-        lambda: scene.body.set_material(yield_strain=float(random.choice([0.05, np.inf]))),
-        lambda: scene.body.set_options(substep_count=int(random.integers(5, 30))),
-        lambda: scene.body.set_meters(float(random.uniform(0.2, 3.0))),
-        lambda: scene.set_gravity(float(random.choice([0.0, 9.81]))),
-        lambda: scene.set_ground(bool(random.integers(2))),
-        lambda: scene.hold(bool(random.integers(2))),
-        lambda: setattr(scene, "paused", bool(random.integers(4) == 0)),
-        scene.single_step,
-        lambda: setattr(scene.settings, "mode", str(random.choice(["color", "depth"]))),
-    )
-    for _ in range(count):
-        edits[random.integers(len(edits))]()
-        for _ in range(random.integers(3)):
-            scene.advance(float(random.uniform(0.0, 0.15)))
+    def edits(self):
+        """All of them, likely ones several times."""
+        scene, random = self.scene, self.random
+        return (
+            *(self.drag,) * 6,
+            self.delete,
+            *(self.push,) * 2,
+            *(self.select,) * 2,
+            scene.handles.hide,
+            scene.handles.unhide,
+            lambda: scene.handles.add_point(random.uniform(0.3, 0.7, 3)),
+            self.pin,
+            self.cancel,
+            self.paint,
+            scene.handles.release,
+            scene.end_push,
+            scene.reset,
+            scene.undo,
+            scene.redo,
+            scene.body.rest_here,
+            scene.body.undo_rest_here,
+            scene.body.clear_paint,
+            lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(4, 7))),
+            lambda: scene.body.set_material(yield_strain=float(random.choice([0.05, np.inf]))),
+            lambda: scene.body.set_options(substep_count=int(random.integers(5, 30))),
+            lambda: scene.body.set_meters(float(random.uniform(0.2, 3.0))),
+            lambda: scene.set_gravity(float(random.choice([0.0, 9.81]))),
+            lambda: scene.set_ground(bool(random.integers(2))),
+            lambda: scene.hold(bool(random.integers(2))),
+            lambda: setattr(scene, "paused", bool(random.integers(4) == 0)),
+            scene.single_step,
+            lambda: setattr(scene.settings, "mode", str(random.choice(["color", "depth"]))),
+        )
 
 
 def same(scene, other):
@@ -132,7 +135,7 @@ def test_random_sessions_play_again_to_the_bit_and_undo_to_the_beginning(
 ):
     random, start = np.random.default_rng(), start_of(scene)
     before = scene.solver.vertices.numpy().copy()
-    act(scene, random, 150)
+    use(scene, random, RandomHand(scene, random).edits(), 150, most_frames=3)
     path = save_session(scene, start, tmp_path / "s.jsonl")
 
     session, other = load_session(path, ball), Scene(ball, "ball", "cpu")
