@@ -167,18 +167,7 @@ def prepare_training(
     arguments = replace(arguments, data=data.folder, image_size=data.image_size)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
-    train_views = load_views(
-        arguments.data,
-        "train",
-        arguments.image_size,
-        for_training=True,
-        outside=arguments.outside_images,
-        masks=arguments.masks,
-    )
-    if resumed:
-        check_resumed_views(resumed.report, train_views)
-    # It raises an error here if there is no box, or a bad one.
-    training.world_to_unit_cube(train_views, options.aabb, options.scene_radius)
+    train_views = load_train_views(arguments, options, resumed)
     test_views = load_test_views(arguments)
     load_whole("torch")
     device = device_name(arguments.device, for_training=True)
@@ -246,6 +235,22 @@ def ended(trained, scores: dict | None, checkpoint_path: Path) -> int:
         return complain(PROGRAM, f"can't add the scores to {scores['not_written']}")
     all_done = trained.complete and (scores is None or scores["complete"])
     return 0 if all_done else INTERRUPTED
+
+
+def load_train_views(arguments: TrainArguments, options, resumed):
+    """The views to train on; a ValueError if they have no box, or are not those of the run."""
+    views = load_views(
+        arguments.data,
+        "train",
+        arguments.image_size,
+        for_training=True,
+        outside=arguments.outside_images,
+        masks=arguments.masks,
+    )
+    if resumed:
+        check_resumed_views(resumed.report, views)
+    training.world_to_unit_cube(views, options.aabb, options.scene_radius)  # raises the error
+    return views
 
 
 def load_test_views(arguments: TrainArguments):
