@@ -82,6 +82,9 @@ SLOW = {
     "markdown_it",
 }  # imported when used: --help has to answer at once
 FUNCTION_LINES_MAX = 60
+SAME_NAMES = {  # of classes, for now: of the lab and another room
+    *("Way", "ImageError", "Timing", "Solid", "Part", "Drag", "Body", "Picture", "Photograph"),
+}
 
 
 def module_name(path):
@@ -182,6 +185,16 @@ def test_functions_stay_short(path):
             count = lines_of(node)
             place = f"{path.relative_to(ROOT)}: {node.name}"
             assert count <= FUNCTION_LINES_MAX, f"{place} has {count} lines of code: divide it"
+
+
+def test_no_two_classes_have_one_name():
+    places = {}
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(module_name(path))
+    twice = {name: found for name, found in places.items() if len(found) > 1}
+    assert twice.keys() <= SAME_NAMES, twice
 
 
 def test_every_package_is_installed():

@@ -40,7 +40,7 @@ NOT_FOUND = (
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundBox:
     """The object's box, found.
 
     Attributes:
@@ -54,12 +54,12 @@ class Found:
     slack: float = FIELD_SLACK
 
     @staticmethod
-    def of_report(report: dict) -> "Found | None":
+    def of_report(report: dict) -> "FoundBox | None":
         """What `as_report` wrote into the report of a run."""
         if "object_box" not in report:
             return None
         stands, slack = report["object_stands"], report["object_slack"]
-        return Found(np.array(report["object_box"]), bool(stands), float(slack))
+        return FoundBox(np.array(report["object_box"]), bool(stands), float(slack))
 
     def as_report(self) -> dict:
         return {
@@ -97,7 +97,7 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
 
     Returns:
         What was found, None if it isn't clear; and the similarity that takes it upright into the
-        unit cube.  Found, [4, 4]
+        unit cube.  FoundBox, [4, 4]
     """
     found, slack = None, POINTS_SLACK
     if dataset.points is not None:
@@ -110,7 +110,7 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
     if found is None:
         return None, None
     world_to_model, box = found_to_unit_cube(found)
-    return Found(box, found.stands, slack), world_to_model
+    return FoundBox(box, found.stands, slack), world_to_model
 
 
 def find_among(dataset: Dataset, points) -> FoundObject | None:
@@ -195,7 +195,7 @@ def coarse_points(dataset, world_to_model, seed, device, workers, progress):
     return surface_points(field, bank) @ inverse[:3, :3].T + inverse[:3, 3]
 
 
-def ground_under(found: Found, field: TrainingField, bank: RayBank, workers: Workers) -> Plane:
+def ground_under(found: FoundBox, field: TrainingField, bank: RayBank, workers: Workers) -> Plane:
     """The plane that a found object stands or hangs on, where a field of it has the surface."""
     ground = ground_of(surface_points(field, bank), found.plane, found.slack)
     values = torch.tensor([*ground.normal, ground.offset], dtype=torch.float64)

@@ -28,7 +28,7 @@ from . import photographs, stages
 from .data.datasets import Dataset
 from .data.found_object import Plane
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
-from .finding import Found, ground_under, search
+from .finding import FoundBox, ground_under, search
 from .run.batch import looks
 from .run.checkpoint import Checkpoint, CheckpointError, save_checkpoint
 from .run.differentiable import on_warp_stream
@@ -164,7 +164,7 @@ class _Run:
                 "history": [],
             }
         self.report["workers"] = self.workers.count
-        self.found, aabb = Found.of_report(self.report), self.options.aabb
+        self.found, aabb = FoundBox.of_report(self.report), self.options.aabb
         self.box = self.found.box if self.found else object_box(self.world_to_model, aabb)
 
     def train(self) -> Trained:

@@ -18,7 +18,7 @@ ENDINGS = ".ply", ".obj"
 
 
 @dataclass(frozen=True)
-class Surface:
+class SurfaceMesh:
     """Triangles, their corners counterclockwise as seen from outside."""
 
     vertices: np.ndarray  # [N, 3] float32, model units
@@ -26,7 +26,7 @@ class Surface:
     colors: np.ndarray | None = None  # [N, 3] uint8
 
 
-def surface_of(tets, neighbours, positions) -> Surface:
+def surface_of(tets, neighbours, positions) -> SurfaceMesh:
     """The surface of a mesh with its vertices at `positions` [V, 3].
 
     Args:
@@ -40,10 +40,10 @@ def surface_of(tets, neighbours, positions) -> Surface:
     vertices = np.asarray(positions)[ids].astype(np.float32)
     if not np.isfinite(vertices).all():
         raise ValueError("the pose has vertices that are not numbers: reset it (R)")
-    return Surface(vertices, faces.reshape(-1, 3).astype(np.int32))
+    return SurfaceMesh(vertices, faces.reshape(-1, 3).astype(np.int32))
 
 
-def with_colors(surface: Surface, renderer, size: float) -> Surface:
+def with_colors(surface: SurfaceMesh, renderer, size: float) -> SurfaceMesh:
     """The surface with the colors that a Renderer, which has its pose, sees at each vertex.
 
     Args:
@@ -51,10 +51,10 @@ def with_colors(surface: Surface, renderer, size: float) -> Surface:
     """
     normals = vertex_normals(surface.vertices, surface.faces)
     colors, _, _ = seen_from_outside(renderer, surface.vertices, normals, OUTSIDE * size)
-    return Surface(surface.vertices, surface.faces, colors)
+    return SurfaceMesh(surface.vertices, surface.faces, colors)
 
 
-def save_surface(surface: Surface, path: Path) -> Path:
+def save_surface(surface: SurfaceMesh, path: Path) -> Path:
     """Write a file by its ending, one of ENDINGS; an older one stays if that fails.
 
     Raises:

@@ -124,7 +124,7 @@ class Recorder:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
     def save_surface(self, surface, ending: str) -> None:
-        """Write an export.Surface into the current folder."""
+        """Write an export.SurfaceMesh into the current folder."""
         path = stamped("mesh", ending)
         try:
             self.finished(save_surface(surface, path))

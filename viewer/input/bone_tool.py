@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...wings.rig import Pose, reach, turned
+from ...wings.rig import BonePose, reach, turned
 from ..camera import onto_view_plane, project, ray
 from ..rigging import TAIL, Joint, Matter
 from .drags import NEAR, TURN, TURN_PER_POINT, turn_axis, unwound
@@ -26,7 +26,7 @@ class BoneDrag:
     joint: Joint  # as it was when the button went down
     press: np.ndarray  # where that was, or where the present kind began [pixels]  [2]
     miss: np.ndarray  # from the joint to the press [pixels]  [2]
-    start: Pose | None = None  # of the bones, when the present kind began; None: a click so far
+    start: BonePose | None = None  # of the bones, when the present kind began; None: a click so far
     kind: str = REACH  # or TURN
     axis: int | None = None  # 0, 1, 2: turn about this axis of model space only
     angle: float = 0.0  # so far [radians]

@@ -20,7 +20,7 @@ LINES = 44  # of text would fill the picture's height
 
 
 @dataclass(frozen=True)
-class Scale:
+class ColorScale:
     """Numbers as colors."""
 
     word: str  # what the numbers are
@@ -41,7 +41,7 @@ class Scale:
 
 
 @lru_cache(maxsize=4)
-def picture(scale: Scale, height: int):
+def picture(scale: ColorScale, height: int):
     """The legend for a picture with so many rows.  [h, w, 4] uint8"""
     size = max(height // LINES, SMALLEST_FONT)
     font = ImageFont.load_default(size)
@@ -81,7 +81,7 @@ class Legend:
         if self._texture is not None:
             self._texture.release()
 
-    def draw(self, scale: Scale, size: tuple[int, int]) -> None:
+    def draw(self, scale: ColorScale, size: tuple[int, int]) -> None:
         """Draw it into a framebuffer of that size, which is in use."""
         image = picture(scale, size[1])
         if self._shown is not image:

@@ -17,7 +17,7 @@ from ...core.deform import at_vertices, deformation_gradients, rest_tets, strain
 from ...core.geometry import boundary_faces
 from . import gl
 from .colormaps import COLORS
-from .legend import Legend, Scale
+from .legend import ColorScale, Legend
 
 PLAIN = np.tile([0.80, 0.78, 0.74], (17, 1))
 SHADING = {"plain": (0.35, 1.1)}
@@ -114,11 +114,11 @@ def values_of(word: str, positions, rest):
     return at_vertices(values, rest, len(positions))
 
 
-def scale_of(settings) -> Scale | None:
+def scale_of(settings) -> ColorScale | None:
     """The colors that the settings ask for; None without any."""
     most = settings.mesh_range
     if settings.mesh_surface == "strain":
-        return Scale("strain", "viridis", 0.0, most)
+        return ColorScale("strain", "viridis", 0.0, most)
     if settings.mesh_surface == "volume ratio":
-        return Scale("volume ratio", "coolwarm", 1.0 - most, 1.0 + most)
+        return ColorScale("volume ratio", "coolwarm", 1.0 - most, 1.0 + most)
     return None

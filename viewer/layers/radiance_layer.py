@@ -92,7 +92,7 @@ class RadianceLayer:
         return self._coming.next_row / self._coming.height if self._coming else 0.0
 
     def colored(self, surface):
-        """An export.Surface of the pose as it is now, with the colors that it has there."""
+        """An export.SurfaceMesh of the pose as it is now, with the colors that it has there."""
         self._follow_cuts()
         self._renderer.set_vertices(self._scene.solver.vertices)
         self._pose = None  # to be taken anew

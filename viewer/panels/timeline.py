@@ -12,7 +12,7 @@ from ..timeline import (
     TICKS_PER_SECOND,
     TRACKS,
     WEIGHTS,
-    Scale,
+    TimeScale,
     as_time,
     shown_ticks,
 )
@@ -88,7 +88,7 @@ def _tracks(app):
     imgui.invisible_button("tracks", (max(width, 1.0), RULER + LANE * len(TRACKS)))
     if not strip.holds:  # while something is dragged, its ground stays
         ticks = min(shown_ticks(timeline), LONGEST)
-        strip.scale = Scale(at.x + NAMES, max(width - NAMES - 2.0 * KEY, 1.0), ticks)
+        strip.scale = TimeScale(at.x + NAMES, max(width - NAMES - 2.0 * KEY, 1.0), ticks)
     mouse = imgui.get_io().mouse_pos
     if imgui.is_item_activated():
         row = int((mouse.y - at.y - RULER) // LANE)

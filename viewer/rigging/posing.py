@@ -15,7 +15,7 @@ import numpy as np
 from ...core.deform import TIME_STEP
 from ...wings.rig import (
     METHODS,
-    Pose,
+    BonePose,
     VertexClip,
     driven_vertices,
     mixed,
@@ -48,18 +48,18 @@ class Posing:
         self.journal = None  # of the scene, once it has one
         self.softness, self.method = 0.0, METHODS[0]
         self.clip, self.seconds, self.loop, self.speed = "", 0.0, True, 1.0
-        self.pose: Pose | None = None
+        self.pose: BonePose | None = None
         self.playing = self.drives = self.shows_vertices = False
         self._scene, self._rigging = scene, scene.rigging
         self._fades = None  # the clip before, the time in it, and the time since [s]
-        self._aim: Pose | None = None  # where a drag wants the bones, until they are there
+        self._aim: BonePose | None = None  # where a drag wants the bones, until they are there
         self._pins = None  # that are taken off while bones hold vertices  [V] bool
         self._driven = None  # what it follows from, and ids of vertices
         self._frames = None  # skeleton, pose, and what `_matrices` returns
         self._ends = None  # skeleton, pose, and the ends
 
     @property
-    def current(self) -> Pose:
+    def current(self) -> BonePose:
         """The pose of the bones, also if they are at rest."""
         return self._rigging.skeleton.rest_pose if self.pose is None else self.pose
 
@@ -89,7 +89,7 @@ class Posing:
         self._act()
         self._show(self.current)
 
-    def aim(self, pose: Pose) -> None:
+    def aim(self, pose: BonePose) -> None:
         """Send the bones to a pose in which only rotations differ; they reach it soon."""
         self._aim = pose
 
@@ -129,7 +129,7 @@ class Posing:
             arrays[name] = getattr(now, name).copy()
             arrays[name][bones] = getattr(rest, name)[bones]
         self._act()
-        self._show(Pose(**arrays))
+        self._show(BonePose(**arrays))
 
     # -- clips ---------------------------------------------------------------------------
 
@@ -254,7 +254,7 @@ class Posing:
         if self.drives:
             self._again()
 
-    def show_pose(self, pose: Pose, at_once: bool) -> bool:
+    def show_pose(self, pose: BonePose, at_once: bool) -> bool:
         """The timeline has a pose for the bones.  Returns whether it has set all vertices.
 
         Args:

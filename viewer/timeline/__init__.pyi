@@ -6,7 +6,7 @@ from .keys import (
     orbit_at as orbit_at,
 )
 from .strip import (
-    Scale as Scale,
+    TimeScale as TimeScale,
     Strip as Strip,
     TICKS_PER_SECOND as TICKS_PER_SECOND,
     as_time as as_time,

@@ -10,8 +10,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ...core.deform import Material
-from ...wings.rig import Pose as BonePose
-from ...wings.rig import Skeleton
+from ...wings.rig import BonePose, Skeleton
 from ...wings.rig import mixed as mixed_bones
 from ..camera import CLOSEST, FARTHEST, Orbit
 
@@ -58,7 +57,7 @@ class PoseKey:
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class SavedPose:
     """A pose that was saved under a name, and how much of it is blended in."""
 
     name: str

@@ -16,7 +16,7 @@ REACH = 8.0  # from the middle of a key, where the mouse has it
 
 
 @dataclass(frozen=True)
-class Scale:
+class TimeScale:
     """From ticks to places and back."""
 
     left: float
@@ -43,7 +43,7 @@ def shown_ticks(timeline) -> int:
     return min(max(SHORTEST, round(ROOM * max(timeline.end, timeline.head))), LONGEST)
 
 
-def key_near(keys, scale: Scale, place: float) -> int | None:
+def key_near(keys, scale: TimeScale, place: float) -> int | None:
     """The tick of the key there, or None."""
     near = [key.tick for key in keys if abs(scale.place(key.tick) - place) <= REACH]
     return min(near, key=lambda tick: abs(scale.place(tick) - place), default=None)
@@ -61,7 +61,7 @@ class Strip:
     selected: tuple[str, int] | None = None  # a key: its track and tick
     holds: str = ""  # what the mouse drags: "head" or "key"
     to_tick: int = 0  # where a key is dragged to
-    scale: Scale | None = None  # of the last frame: while something is dragged it stays
+    scale: TimeScale | None = None  # of the last frame: while something is dragged it stays
     turn_seconds: float = 6.0  # of the next turntable
     pose_name: str = ""  # of the next one that is saved
     clip_name: str = ""  # of the next clip that is made of the keys

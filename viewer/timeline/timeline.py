@@ -36,7 +36,7 @@ class Timeline:
     def __init__(self, scene):
         self.journal = None  # of the scene, once it has one
         self.keys = dict.fromkeys(TRACKS, ())
-        self.poses: tuple[k.Pose, ...] = ()
+        self.poses: tuple[k.SavedPose, ...] = ()
         self.loop, self.motion = False, MOTIONS[0]
         self.head = 0
         self.playing = self.stands = False
@@ -346,7 +346,7 @@ class Timeline:
         others = [pose for pose in self.poses if pose.name != name]
         if len(others) >= MOST_POSES:
             raise ValueError(f"{MOST_POSES} poses are saved; delete one first")
-        self.poses = (*others, k.Pose(name, vertices))
+        self.poses = (*others, k.SavedPose(name, vertices))
 
     @edit("delete_pose", undo="delete the pose {name}")
     def delete_pose(self, name: str) -> None:

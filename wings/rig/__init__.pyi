@@ -1,7 +1,7 @@
 from . import rotations as rotations
 from .skeleton import (
     MOST_BONES as MOST_BONES,
-    Pose as Pose,
+    BonePose as BonePose,
     Skeleton as Skeleton,
     make_skeleton as make_skeleton,
     mixed as mixed,

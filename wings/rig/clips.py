@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import rotations
-from .skeleton import LONGEST_NAME, Pose, Skeleton, pose_of, skinning_matrices
+from .skeleton import LONGEST_NAME, BonePose, Skeleton, pose_of, skinning_matrices
 
 PATHS = ("translation", "rotation", "scale")
 INTERPOLATIONS = ("STEP", "LINEAR", "CUBICSPLINE")
@@ -122,7 +122,7 @@ class Clip:
                     f"has {skeleton.bone_count}"
                 )
 
-    def pose_at(self, skeleton: Skeleton, seconds: float) -> Pose:
+    def pose_at(self, skeleton: Skeleton, seconds: float) -> BonePose:
         rest = skeleton.rest_pose
         arrays = {
             "translation": rest.translations.copy(),
@@ -131,7 +131,7 @@ class Clip:
         }
         for channel, bones, values in self._alike:
             arrays[channel.path][bones] = _interpolated(channel, values, seconds)
-        return Pose(*(arrays[path] for path in PATHS))
+        return BonePose(*(arrays[path] for path in PATHS))
 
     @cached_property
     def _alike(self):
@@ -187,7 +187,7 @@ class VertexClip:
         return (1 - share) * self.vertices[k] + share * self.vertices[following]
 
 
-def clip_of_poses(name: str, times: np.ndarray, poses: Sequence[Pose]) -> Clip:
+def clip_of_poses(name: str, times: np.ndarray, poses: Sequence[BonePose]) -> Clip:
     """A clip with a key of every bone at each time; what never changes has one key."""
     times = np.array(times, float)
     channels = []

@@ -162,9 +162,9 @@ def _bones(gltf: Gltf, nodes, skin) -> list[int]:
         f"its skin has {len(joints)} joints, not 1 to {MOST_BONES}",
     )
     for joint in joints:
-        gltf.at(gltf.parts.nodes, joint, "node", "joints")
+        gltf.at(gltf.root.nodes, joint, "node", "joints")
     check(len(set(joints)) == len(joints), "its skin names a joint twice")
-    animated = {c.target.node for a in gltf.parts.animations for c in a.channels}
+    animated = {c.target.node for a in gltf.root.animations for c in a.channels}
     above = nodes.with_ancestors(joints).difference(joints)
     bones = list(joints) + sorted(above & animated)
     check(len(bones) <= MOST_BONES, f"its skeleton has {len(bones)} bones, over {MOST_BONES}")
@@ -223,7 +223,7 @@ class _Clips:
         self._channels = self._keys = 0
 
     def read(self) -> tuple[Clip, ...]:
-        animations = self._gltf.parts.animations
+        animations = self._gltf.root.animations
         check(len(animations) <= MOST_CLIPS, f"it has {len(animations)} clips, over {MOST_CLIPS}")
         names = [printable_name(a.name, f"clip {i}") for i, a in enumerate(animations)]
         clips = []

@@ -30,7 +30,7 @@ DATA_URI = "data:"
 HARMLESS = ("KHR_materials", "KHR_texture", "KHR_lights", "EXT_texture", "KHR_mesh_quantization")
 
 
-class Part:
+class JsonObject:
     """An object of the JSON: its members are attributes, and None where it has none."""
 
     def __init__(self, members: dict):
@@ -50,10 +50,10 @@ class Gltf:
     def __init__(self, path: Path):
         check(path.is_file(), f"there is no file at {path}")
         self._path, self._blob = path, None
-        self.parts = _parts(self._text())
-        version = str(getattr(self.parts.asset, "version", None))
+        self.root = _parts(self._text())
+        version = str(getattr(self.root.asset, "version", None))
         check(version.startswith("2."), f"it is glTF {version[:10]}, this program reads 2.0")
-        for name in self.parts.extensionsRequired or ():
+        for name in self.root.extensionsRequired or ():
             check(
                 str(name).startswith(HARMLESS),
                 f"it needs the glTF extension {str(name)[:60]}; export it without compression",
@@ -70,7 +70,7 @@ class Gltf:
         Returns:
             float64; whole numbers as int64, unless they are meant as fractions.
         """
-        accessor = self.at(self.parts.accessors, index, "accessor", what)
+        accessor = self.at(self.root.accessors, index, "accessor", what)
         check(
             accessor.type == kind and accessor.componentType in COMPONENTS,
             f"{what} have the type {str(accessor.type)[:20]}, not {kind}",
@@ -82,7 +82,7 @@ class Gltf:
 
     def count(self, index, what: str) -> int:
         """How many values an accessor declares."""
-        count = self.at(self.parts.accessors, index, "accessor", what).count
+        count = self.at(self.root.accessors, index, "accessor", what).count
         check(is_count(count), f"{what} are {str(count)[:20]}, which is no number of values")
         return count
 
@@ -92,7 +92,7 @@ class Gltf:
         check(good, f"{what} are in {kind} {str(index)[:20]}, of {len(parts)}")
         return parts[index]
 
-    def _decoded(self, accessor: Part, width: int, what: str) -> np.ndarray:
+    def _decoded(self, accessor: JsonObject, width: int, what: str) -> np.ndarray:
         dtype, count, sparse = np.dtype(COMPONENTS[accessor.componentType]), accessor.count, None
         check(is_count(count), f"{what} are {str(count)[:20]}, which is no number of values")
         if accessor.sparse is not None:
@@ -116,14 +116,14 @@ class Gltf:
         check(np.isfinite(values).all(), f"{what} hold NaN or infinite numbers")
         return values[:, 0] if width == 1 else values
 
-    def _changes(self, accessor: Part, dtype, width: int, what: str):
+    def _changes(self, accessor: JsonObject, dtype, width: int, what: str):
         """Which values of a sparse accessor differ [n], and what they are [n, width]."""
         sparse, whose = accessor.sparse, f"sparse {what}"
         count, places, values = sparse.count, sparse.indices, sparse.values
         good = is_count(count) and 0 < count <= accessor.count
         check(good, f"{whose} are {str(count)[:20]} of {accessor.count}")
         check(
-            isinstance(places, Part) and isinstance(values, Part),
+            isinstance(places, JsonObject) and isinstance(values, JsonObject),
             f"{whose} lack their indices or values",
         )
         kind = np.dtype(COMPONENTS.get(places.componentType, "f4"))
@@ -142,9 +142,9 @@ class Gltf:
             f"with {what} it has more than {MOST_NUMBERS} numbers; export fewer parts or clips",
         )
 
-    def _stored(self, part: Part, dtype, count: int, width: int, what: str) -> np.ndarray:
+    def _stored(self, part: JsonObject, dtype, count: int, width: int, what: str) -> np.ndarray:
         """The numbers that a part's buffer view holds.  [count, width]"""
-        view = self.at(self.parts.bufferViews, part.bufferView, "buffer view", what)
+        view = self.at(self.root.bufferViews, part.bufferView, "buffer view", what)
         start, size = part.byteOffset or 0, width * dtype.itemsize
         stride, first, length = view.byteStride or size, view.byteOffset or 0, view.byteLength
         good = all(map(is_count, (start, stride, first, length)))
@@ -162,7 +162,7 @@ class Gltf:
 
     def _buffer(self, index, what):
         """What has the bytes of a buffer: their number, and `read(first, length)`."""
-        buffer = self.at(self.parts.buffers, index, "buffer", what)
+        buffer = self.at(self.root.buffers, index, "buffer", what)
         if index not in self._buffers:
             uri = buffer.uri
             if uri is None:
@@ -235,20 +235,20 @@ class _InFile:
         return data
 
 
-def _parts(text: bytes) -> Part:
+def _parts(text: bytes) -> JsonObject:
     """The root of the JSON."""
     good = json_values(text) <= MOST_VALUES
     check(good, f"its JSON has more than {MOST_VALUES} values; export less")
     try:
         with no_garbage_collected():  # which would go through all parts again and again
-            root = json.loads(text.decode("utf-8-sig"), object_hook=Part)
+            root = json.loads(text.decode("utf-8-sig"), object_hook=JsonObject)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"its JSON can't be read ({one_line(error, 100)})") from None
-    check(isinstance(root, Part), "it holds no glTF")
+    check(isinstance(root, JsonObject), "it holds no glTF")
     for name in LISTS:
         parts = getattr(root, name)
         parts = [] if parts is None else parts
-        good = isinstance(parts, list) and all(isinstance(part, Part) for part in parts)
+        good = isinstance(parts, list) and all(isinstance(part, JsonObject) for part in parts)
         check(good, f"its {name} are no list")
         setattr(root, name, parts)
     return root

@@ -48,7 +48,7 @@ class Placed:
 
 
 def read_nodes(gltf: Gltf) -> Nodes:
-    parts = gltf.parts.nodes
+    parts = gltf.root.nodes
     check(0 < len(parts) <= MOST_NODES, f"it has {len(parts)} nodes, not 1 to {MOST_NODES}")
     parents = [-1] * len(parts)
     for number, node in enumerate(parts):
@@ -83,7 +83,7 @@ def placed(gltf: Gltf, nodes: Nodes, bones: list[int]) -> Placed:
 
 def _values(gltf: Gltf, used: list[int]) -> dict[str, np.ndarray]:
     """Translations, rotations and scales; those of nodes that are not used are none."""
-    parts = gltf.parts.nodes
+    parts = gltf.root.nodes
     values = {path: np.zeros((len(parts), 4 if path == "rotation" else 3)) for path in PATHS}
     values["rotation"][:, 3], values["scale"][:] = 1.0, 1.0
     for node in used:

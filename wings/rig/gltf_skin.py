@@ -6,7 +6,7 @@ Shapes: S points, N triangles, W weights of a point.
 import numpy as np
 
 from ...core.base.schema import check
-from .gltf_file import Gltf, Part
+from .gltf_file import Gltf, JsonObject
 
 MOST_POINTS = 2**18
 MOST_TRIANGLES = 2**20
@@ -21,7 +21,7 @@ def chosen_skin(gltf: Gltf):
     Returns:
         The skin, its meshes, each once, and a list of sentences.
     """
-    parts, found, sizes = gltf.parts, {}, {}
+    parts, found, sizes = gltf.root, {}, {}
     for node in parts.nodes:
         if node.skin is not None and node.mesh is not None:
             gltf.at(parts.skins, node.skin, "skin", "bones")
@@ -45,21 +45,21 @@ def chosen_skin(gltf: Gltf):
     return parts.skins[best], list(found[best].values()), notes
 
 
-def solid(mesh: Part) -> list[Part]:
+def solid(mesh: JsonObject) -> list[JsonObject]:
     """The primitives of a mesh that are triangles."""
     return [p for p in mesh.primitives if p.mode in (None, TRIANGLES)]
 
 
 def _shape_notes(gltf: Gltf, skin: int, meshes: dict) -> list[str]:
     """A sentence if shape keys of the meshes (glTF: morph targets) change what is seen."""
-    users = [(k, n) for k, n in enumerate(gltf.parts.nodes) if n.skin == skin and n.mesh in meshes]
+    users = [(k, n) for k, n in enumerate(gltf.root.nodes) if n.skin == skin and n.mesh in meshes]
     own = {node.mesh for _, node in users if node.weights is None}
     lists = [node.weights or () for _, node in users] + [meshes[k].weights or () for k in own]
     largest = max((abs(float(w)) for weights in lists for w in weights), default=0.0)
     nodes = {number for number, _ in users}
     clips = sum(
         any(c.target.path == "weights" and c.target.node in nodes for c in animation.channels)
-        for animation in gltf.parts.animations
+        for animation in gltf.root.animations
     )
     what = [f"with weights up to {largest:.3g} at rest"] * (largest > 0.0)
     what += [f"that {clips} of its clips move"] * (clips > 0)
@@ -98,7 +98,7 @@ def surface(gltf: Gltf, meshes):
     return points, triangles.astype(np.int32), joints, weights
 
 
-def _primitive(gltf: Gltf, primitive: Part):
+def _primitive(gltf: Gltf, primitive: JsonObject):
     """Points, triangles, joints and weights of a primitive."""
     attributes = vars(primitive.attributes)
     points = gltf.numbers(attributes.get("POSITION"), "VEC3", "points").astype(float, copy=False)
@@ -122,7 +122,7 @@ def _primitive(gltf: Gltf, primitive: Part):
     return points, indices.reshape(-1, 3), joints, weights
 
 
-def bind_matrices(gltf: Gltf, skin: Part) -> np.ndarray:
+def bind_matrices(gltf: Gltf, skin: JsonObject) -> np.ndarray:
     """The bind matrix of each joint.  [joints, 4, 4]"""
     count = len(skin.joints)
     if skin.inverseBindMatrices is None:

@@ -11,7 +11,7 @@ from ...core.geometry import TetMesh
 from .driving import driven_vertices
 from .methods import Method
 from .rig import Rig
-from .skeleton import Pose, mixed, skinning_matrices
+from .skeleton import BonePose, mixed, skinning_matrices
 from .skinning import skinned
 from .untangle import Untangler
 
@@ -25,7 +25,7 @@ def posed_with_physics(
     solver: "XpbdSolver",
     mesh: TetMesh,
     rig: Rig,
-    pose: Pose,
+    pose: BonePose,
     softness: float = 0.3,
     method: Method = "linear",
     ticks: int = 60,

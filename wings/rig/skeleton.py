@@ -72,8 +72,8 @@ class Skeleton:
         return frames
 
     @cached_property
-    def rest_pose(self) -> "Pose":
-        return Pose(
+    def rest_pose(self) -> "BonePose":
+        return BonePose(
             self.locals[:, :3, 3].copy(),
             rotations.quaternion_of(self.locals[:, :3, :3]),
             np.ones((self.bone_count, 3)),
@@ -116,7 +116,7 @@ class Skeleton:
 
 
 @dataclass(frozen=True)
-class Pose:
+class BonePose:
     """Where the bones are, each relative to its parent, as glTF's nodes have it."""
 
     translations: np.ndarray  # [B, 3]
@@ -158,7 +158,7 @@ def parents_first(names: Sequence[str], parents: Sequence[int]) -> list[int]:
     return order
 
 
-def local_matrices(pose: Pose) -> np.ndarray:
+def local_matrices(pose: BonePose) -> np.ndarray:
     """T·R·S of each bone.  [B, 4, 4]"""
     frames = np.zeros((len(pose.translations), 4, 4))
     frames[:, :3, :3] = rotations.matrix_of(pose.rotations) * pose.scales[:, None, :]
@@ -166,7 +166,7 @@ def local_matrices(pose: Pose) -> np.ndarray:
     return frames
 
 
-def posed(skeleton: Skeleton, pose: Pose) -> np.ndarray:
+def posed(skeleton: Skeleton, pose: BonePose) -> np.ndarray:
     """The bones' frames in model space.  [B, 4, 4]"""
     frames = local_matrices(pose)
     for bones, parents in skeleton._generations:
@@ -174,12 +174,12 @@ def posed(skeleton: Skeleton, pose: Pose) -> np.ndarray:
     return frames
 
 
-def skinning_matrices(skeleton: Skeleton, pose: Pose) -> np.ndarray:
+def skinning_matrices(skeleton: Skeleton, pose: BonePose) -> np.ndarray:
     """From rest to the pose, for each bone.  [B, 4, 4]"""
     return posed(skeleton, pose) @ skeleton.inverse_rest
 
 
-def posed_tails(skeleton: Skeleton, pose: Pose) -> np.ndarray:
+def posed_tails(skeleton: Skeleton, pose: BonePose) -> np.ndarray:
     """The bones' tails in model space.  [B, 3]"""
     return moved_tails(skeleton, skinning_matrices(skeleton, pose))
 
@@ -189,7 +189,7 @@ def moved_tails(skeleton: Skeleton, matrices: np.ndarray) -> np.ndarray:
     return np.einsum("bij,bj->bi", matrices[:, :3, :3], skeleton.tails) + matrices[:, :3, 3]
 
 
-def pose_of(skeleton: Skeleton, frames: np.ndarray) -> Pose:
+def pose_of(skeleton: Skeleton, frames: np.ndarray) -> BonePose:
     """The pose of given frames [B, 4, 4].
 
     A local matrix that shears (a child that turns within a bone scaled unevenly) loses the
@@ -201,19 +201,19 @@ def pose_of(skeleton: Skeleton, frames: np.ndarray) -> Pose:
     scales = np.linalg.norm(local[:, :3, :3], axis=1)
     scales[:, 0] *= np.sign(np.linalg.det(local[:, :3, :3]))  # a mirrored bone stays mirrored
     turns = local[:, :3, :3] / np.where(np.abs(scales) > 1e-12, scales, 1.0)[:, None, :]
-    return Pose(local[:, :3, 3].copy(), rotations.quaternion_of(turns), scales)
+    return BonePose(local[:, :3, 3].copy(), rotations.quaternion_of(turns), scales)
 
 
-def mixed(first: Pose, second: Pose, share: float) -> Pose:
+def mixed(first: BonePose, second: BonePose, share: float) -> BonePose:
     """From the first pose (share 0) to the second (share 1)."""
-    return Pose(
+    return BonePose(
         (1.0 - share) * first.translations + share * second.translations,
         rotations.slerp(first.rotations, second.rotations, np.full(len(first.scales), share)),
         (1.0 - share) * first.scales + share * second.scales,
     )
 
 
-def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation: ArrayLike) -> Pose:
+def turned(skeleton: Skeleton, pose: BonePose, bone: int, rotation: ArrayLike) -> BonePose:
     """The pose with one bone, and all that hangs on it, turned about the bone's head.
 
     Args:
@@ -228,10 +228,10 @@ def turned(skeleton: Skeleton, pose: Pose, bone: int, rotation: ArrayLike) -> Po
     turn = rotations.product(turn, around)
     quaternions = pose.rotations.copy()
     quaternions[bone] = rotations.unit(rotations.product(turn, quaternions[bone]))
-    return Pose(pose.translations, quaternions, pose.scales)
+    return BonePose(pose.translations, quaternions, pose.scales)
 
 
-def reach(skeleton: Skeleton, pose: Pose, bone: int, target: ArrayLike) -> Pose:
+def reach(skeleton: Skeleton, pose: BonePose, bone: int, target: ArrayLike) -> BonePose:
     """The pose in which the bone's tail is at `target` [3], or as near as it can be.
 
     Two-bone inverse kinematics in closed form: the parent and the bone form a triangle whose
@@ -288,7 +288,7 @@ def _bend_axis(u, v):
     return axis / np.linalg.norm(axis)
 
 
-def _aimed(skeleton, pose, pivot, bone, target) -> Pose:
+def _aimed(skeleton, pose, pivot, bone, target) -> BonePose:
     """The pose with `pivot` turned so that it sees the tail of `bone` where the target is."""
     head = posed(skeleton, pose)[pivot, :3, 3]
     now, wanted = posed_tails(skeleton, pose)[bone] - head, target - head

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from ...render import Lens
-from .colmap_files import Camera, Registered, read_cameras, read_images
+from .colmap_files import ColmapCamera, Registered, read_cameras, read_images
 from .colmap_files import read_points as points_of
 from .errors import DatasetError
-from .foreign_paths import Found, find_files
+from .foreign_paths import FoundFiles, find_files
 from .posed_images import Listing, PosedImage, check_shape, checked_lens, from_opencv, is_of_split
 from .views import upright
 
@@ -47,9 +47,9 @@ class Reconstruction:
 
     folder: Path
     ending: str
-    cameras: dict[int, Camera]
+    cameras: dict[int, ColmapCamera]
     images: list[Registered]
-    files: Found
+    files: FoundFiles
 
     @property
     def present(self) -> int:
@@ -163,7 +163,7 @@ def reconstruction_of(sparse: Path, folder: Path) -> Reconstruction:
     return Reconstruction(sparse, endings[0], cameras, registered, files)
 
 
-def camera_of(model: Reconstruction, image: Registered) -> Camera:
+def camera_of(model: Reconstruction, image: Registered) -> ColmapCamera:
     """The camera that took an image; DatasetError without one."""
     if image.camera not in model.cameras:
         raise DatasetError(
@@ -179,7 +179,7 @@ def turn_upright(poses):
     return turn
 
 
-def lens_reader(camera: Camera, name, sparse):
+def lens_reader(camera: ColmapCamera, name, sparse):
     """The function that makes an image's lens from its width and height."""
     if camera.model not in PARAMETERS:
         raise DatasetError(

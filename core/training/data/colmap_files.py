@@ -59,7 +59,7 @@ IMAGE_FIELDS = "number qw qx qy qz tx ty tz camera name"
 
 
 @dataclass(frozen=True)
-class Camera:
+class ColmapCamera:
     model: str
     width: int
     height: int
@@ -75,7 +75,7 @@ class Registered:
     world_to_camera: np.ndarray  # [4, 4] OpenCV's axes
 
 
-def read_cameras(path: Path) -> dict[int, Camera]:
+def read_cameras(path: Path) -> dict[int, ColmapCamera]:
     """Cameras by number.
 
     Raises:
@@ -190,7 +190,7 @@ def check_end(position, size):
     )
 
 
-def binary_cameras(path) -> Iterator[tuple[int, Camera]]:
+def binary_cameras(path) -> Iterator[tuple[int, ColmapCamera]]:
     size = path.stat().st_size
     with open(path, "rb") as stream:
         for _ in range(count_of(stream, size, MOST_IMAGES, CAMERA_BYTES, "cameras")):
@@ -200,7 +200,7 @@ def binary_cameras(path) -> Iterator[tuple[int, Camera]]:
                 f"has a camera model with the number {model}, which is not known",
             )
             name, count = MODELS[model]
-            yield number, Camera(name, width, height, taken(stream, f"<{count}d"))
+            yield number, ColmapCamera(name, width, height, taken(stream, f"<{count}d"))
         check_end(stream.tell(), size)
 
 
@@ -283,7 +283,7 @@ def numbers_of(number, form):
         raise ValueError(f"has to have '{form}' with numbers in line {number}") from None
 
 
-def text_cameras(path) -> Iterator[tuple[int, Camera]]:
+def text_cameras(path) -> Iterator[tuple[int, ColmapCamera]]:
     form = "number model width height parameters"
     for place, line in lines_of(path):
         if not line.strip():
@@ -292,7 +292,7 @@ def text_cameras(path) -> Iterator[tuple[int, Camera]]:
         with numbers_of(place, form):
             width, height = map(int, size)
             parameters = tuple(map(float, rest.split()))
-            row = int(number), Camera(model.decode("ascii"), width, height, parameters)
+            row = int(number), ColmapCamera(model.decode("ascii"), width, height, parameters)
         yield row
 
 

@@ -37,7 +37,7 @@ DRIVE = re.compile(r"[A-Za-z]:$")
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundFiles:
     """Files of a data set.
 
     Attributes:
@@ -50,7 +50,7 @@ class Found:
     said: str
 
 
-def find_files(folder: Path, names: list[str], source: Path, once=True) -> Found:
+def find_files(folder: Path, names: list[str], source: Path, once=True) -> FoundFiles:
     """The files of names, by the rule above.
 
     Args:
@@ -72,7 +72,7 @@ def find_files(folder: Path, names: list[str], source: Path, once=True) -> Found
         paths.append(path)
     if once and replaced:
         _check_once(folder, names, paths, {name for name, _ in replaced}, source)
-    return Found(paths, _said(folder, replaced, len(names), source))
+    return FoundFiles(paths, _said(folder, replaced, len(names), source))
 
 
 def tried(name: str) -> str:

@@ -100,7 +100,7 @@ class SampleLimits:
         What it teaches waits in `batch.learned` until `keep`.
 
         Args:
-            opacity, visible: See training_field.Rendered.  torch [R]
+            opacity, visible: See training_field.RenderedRays.  torch [R]
         """
         drawn = batch.drawn
         wp.launch(

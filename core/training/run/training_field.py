@@ -59,7 +59,7 @@ def mark_seen_kernel(
     )
 
 
-class Rendered(NamedTuple):
+class RenderedRays(NamedTuple):
     """A batch of rays and samples, rendered with gradients, as torch tensors."""
 
     color: torch.Tensor  # [R, 3] without background
@@ -142,14 +142,14 @@ class TrainingField:
         mask = self.mask if batch.mask is None else batch.mask
         batch.march(self.pose, mask, options.march_step, options.view_dependence)
 
-    def composite(self, batch: Batch) -> Rendered:
+    def composite(self, batch: Batch) -> RenderedRays:
         """Render marched rays with gradients."""
         samples = batch.samples
         sigma, values = self.evaluate(batch, self.encode(samples.tet, samples.bary))
         along = samples.length, samples.t, batch.counts, batch.ends
         sums, opacity, distortion, *others = Composite.apply(sigma, values, *along)
         color, excess = self.color(batch, sums, opacity)
-        return Rendered(color, opacity, distortion, excess, *others)
+        return RenderedRays(color, opacity, distortion, excess, *others)
 
     def evaluate(self, batch: Batch, features):
         """sigma [N], and what a ray sums of the samples: colors [N, 3], or h [N, 16]."""

@@ -12,7 +12,7 @@ from deformrf.commands.train_choices import check_resumed_views
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import Lens
 from deformrf.core.training import CheckpointError, preset
-from deformrf.core.training.finding import Found
+from deformrf.core.training.finding import FoundBox
 from deformrf.core.training.run.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 
 from .damage import Binary, with_structure, with_values
@@ -71,7 +71,7 @@ class Checkpoints:
     def read(self, folder):
         checkpoint = load_checkpoint(folder / NAME)
         check_resumed_views(checkpoint.report, self.views)
-        Found.of_report(checkpoint.report)
+        FoundBox.of_report(checkpoint.report)
 
     def _with_values(self, rng):
         content = with_values(rng, {k: v for k, v in self.content.items() if k != "mesh"})

@@ -12,7 +12,7 @@ from deformrf.core.render import Camera, camera_rays, look_at, pinhole
 from deformrf.core.training import finding, preset, trained_tets, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.scene_box import seeks_object
-from deformrf.core.training.finding import Found, ends_of_rays, first_workers, search
+from deformrf.core.training.finding import FoundBox, ends_of_rays, first_workers, search
 from deformrf.core.training.run import optimization
 from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.distributed import ALONE
@@ -94,7 +94,7 @@ def test_the_object_alone_is_trained_upright(capture, few_steps):
     few = {"coarse_steps": 3, "fine_steps": 3, "samples_per_step": 2**9}
     trained = trainer.train(dataset, preset("tiny", spacing=0.1, **few))
     field, whole = trained.field, trained.whole
-    found = Found.of_report(trained.report)
+    found = FoundBox.of_report(trained.report)
     assert trained.complete and found.stands
     assert degrees_from_upright(field.world_to_model) < 1.0
     scale = np.cbrt(np.linalg.det(field.world_to_model[:3, :3]))
@@ -167,14 +167,14 @@ def test_only_photographs_that_nothing_else_says_are_searched(capture):
 @pytest.mark.parametrize("stands, axis, side", [(True, 2, 0), (False, 1, 1)])
 def test_room_for_the_ground_is_behind_the_plane_only(stands, axis, side):
     box = np.array([[0.2, 0.3, 0.0], [0.8, 0.7, 1.0]])
-    found = Found(box, stands)
-    assert Found.of_report(found.as_report()).plane.height(box[side]) == pytest.approx(0.0)
+    found = FoundBox(box, stands)
+    assert FoundBox.of_report(found.as_report()).plane.height(box[side]) == pytest.approx(0.0)
     assert found.plane.height(box.mean(axis=0)) > 0.0
     outward = found.room - box
     assert outward[side, axis] == pytest.approx(-1.0 if side == 0 else 1.0)
     outward[side, axis] = 0.0
     assert not outward.any()
-    assert Found.of_report({}) is None
+    assert FoundBox.of_report({}) is None
     assert first_workers(None, "cpu", ALONE) is None
 
 

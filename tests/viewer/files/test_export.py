@@ -59,7 +59,7 @@ def test_another_program_reads_what_was_written(posed, tmp_path, ending, colored
     surface, _ = posed
     if colored:
         colors = np.random.default_rng().integers(0, 256, surface.vertices.shape, np.uint8)
-        surface = e.Surface(surface.vertices, surface.faces, colors)
+        surface = e.SurfaceMesh(surface.vertices, surface.faces, colors)
     vertices, colors, faces = READ[ending](e.save_surface(surface, tmp_path / f"mesh{ending}"))
     np.testing.assert_array_equal(vertices, surface.vertices)
     np.testing.assert_array_equal(faces, surface.faces)

@@ -18,7 +18,7 @@ def app(ball):
         scene=Scene(ball, "ball", "cpu"),
         controls=SimpleNamespace(cancel=lambda: None),
         recorder=SimpleNamespace(say=said.append),
-        strip=s.Strip(scale=s.Scale(100.0, 600.0, 300)),
+        strip=s.Strip(scale=s.TimeScale(100.0, 600.0, 300)),
         said=said,
     )
 
@@ -46,7 +46,7 @@ def dragged(app, start, end, track="camera", copy=False):
 
 
 def test_places_and_ticks_belong_together():
-    scale = s.Scale(100.0, 600.0, 300)
+    scale = s.TimeScale(100.0, 600.0, 300)
     assert [scale.tick(scale.place(tick)) for tick in range(300)] == list(range(300))
     assert scale.tick(-1e9) == 0 and scale.tick(1e9) == s.LONGEST
 
@@ -54,7 +54,7 @@ def test_places_and_ticks_belong_together():
 @pytest.mark.parametrize("ticks", [300, 1000, s.LONGEST])
 @pytest.mark.parametrize("width", [1.0, 100.0, 5000.0])
 def test_numbers_of_the_ruler_keep_apart(width, ticks):
-    scale = s.Scale(0.0, width, ticks)
+    scale = s.TimeScale(0.0, width, ticks)
     apart = scale.place(scale.step * s.TICKS_PER_SECOND)
     assert apart >= s.NARROWEST or scale.step == s.STEPS[-1]
 

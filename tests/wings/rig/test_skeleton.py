@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.wings.rig import (
-    Pose,
+    BonePose,
     Skeleton,
     make_skeleton,
     mixed,
@@ -31,7 +31,7 @@ def skeleton():
 def random_pose(skeleton, scale=0.0):
     rng = np.random.default_rng()
     count = skeleton.bone_count
-    return Pose(
+    return BonePose(
         rng.normal(size=(count, 3)),
         rotations.unit(rng.normal(size=(count, 4))),
         1.0 + scale * rng.uniform(-1.0, 1.0, (count, 3)),

@@ -28,7 +28,7 @@ def stage(device):
 
 
 def rendered(stage):
-    """The same rays each time, as `Rendered`."""
+    """The same rays each time, as `RenderedRays`."""
     stage._prepare(stage.batch, 0)
     stage._march(stage.batch)
     return stage.field.composite(stage.batch)
