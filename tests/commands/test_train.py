@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.commands import train
 from deformrf.commands import train as train_command
+from deformrf.commands import training
 from deformrf.commands.running import INTERRUPTED
 from deformrf.core.field import modelfile
 from deformrf.core.training import preset, trained_tets, trainer
@@ -216,7 +216,7 @@ def test_without_view_the_command_is_cores(call, data, tmp_path, trainer):
     result = call(train_command.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert result.code == 0 and len(trainer.calls) == 1
     assert "--view " in call(train_command.main, "--help").out
-    assert "--view " not in call(train.main, "--help").out
+    assert "--view " not in call(training.main, "--help").out
 
 
 def test_view_without_a_display_is_refused_before_training(
