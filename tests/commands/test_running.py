@@ -198,7 +198,7 @@ def test_a_command_says_which_package_it_lacks(package, module, arguments, tmp_p
         f"        if name == {package!r}:\n"
         "            raise ModuleNotFoundError(name=name)\n"
         "sys.meta_path.insert(0, Without())\n"
-        f"from deformrf.core.{module} import main; main()"
+        f"from deformrf.{module} import main; main()"
     )
     command = [sys.executable, "-c", program, *arguments]
     run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
