@@ -4,7 +4,6 @@ The same program as deformrf-view draws the frames, each in full.  Ctrl-C ends t
 is: the file can be played, and has "(cut short)" in its name.
 """
 
-import logging
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -28,10 +27,10 @@ from ..core.base.claims import claim
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import DEFAULT_MODEL, program_version
 from ..core.base.reading import check_file
-from ..core.base.streams import keep_going, printable
+from ..core.base.streams import printable
 from ..core.deform import PRESETS, Material
 from ..core.render import Mode
-from .running import FAILED, complain, run
+from .running import FAILED, complain, parsed, run
 from .view import Flag, frame_size, refuse_data, told_if_slow
 
 PROGRAM = "deformrf-render"
@@ -114,14 +113,7 @@ class RenderArguments:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code."""
-    keep_going()
-    chosen = tyro.cli(
-        RenderArguments,
-        prog=PROGRAM,
-        args=arguments,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
-    logging.basicConfig(level=logging.WARNING, format=f"{PROGRAM}: %(message)s")
+    chosen = parsed(PROGRAM, RenderArguments, arguments)
     return run(PROGRAM, lambda: prepare(chosen))
 
 

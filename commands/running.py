@@ -9,6 +9,7 @@ import _thread
 import errno
 import importlib
 import importlib.util
+import logging
 import os
 import signal
 import sys
@@ -18,6 +19,8 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from functools import cache
 from types import SimpleNamespace
+
+import tyro
 
 from ..core import training
 from ..core.base.arguments import plain_message
@@ -110,6 +113,20 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     if is_first() or _outlives_first():
         complain(program, sentence)
     return INPUT_ERROR
+
+
+def parsed(program: str, kind: type, words: list[str] | None):
+    """The arguments of a command without groups of options; from now on it logs to stderr.
+
+    Args:
+        kind: A dataclass of arguments.
+        words: Of the command line; None takes those of the process.
+    """
+    keep_going()
+    config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+    arguments = tyro.cli(kind, prog=program, args=words, config=config)
+    logging.basicConfig(level=logging.WARNING, format=f"{program}: %(message)s")
+    return arguments
 
 
 def asked_for_version() -> bool:

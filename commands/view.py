@@ -30,12 +30,11 @@ from ..core.base.arguments import (
 from ..core.base.device import Choice, begin_cuda, device_name
 from ..core.base.memory import no_garbage_collected
 from ..core.base.paths import DEFAULT_MODEL, program_version
-from ..core.base.streams import keep_going
 from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
 from ..wings import capture
-from .running import FAILED, interrupts_waiting, run
+from .running import FAILED, interrupts_waiting, parsed, run
 
 log = logging.getLogger(__name__)
 
@@ -123,14 +122,7 @@ class ViewArguments:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code, which the console script passes to sys.exit."""
-    keep_going()
-    chosen = tyro.cli(
-        ViewArguments,
-        prog=PROGRAM,
-        args=arguments,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
-    logging.basicConfig(level=logging.WARNING, format=f"{PROGRAM}: %(message)s")
+    chosen = parsed(PROGRAM, ViewArguments, arguments)
     return run(PROGRAM, lambda: prepare(chosen))
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
 import tomllib
@@ -84,6 +85,12 @@ SLOW = {
 FUNCTION_LINES_MAX = 60
 SAME_NAMES = {  # of classes, for now: of the lab and another room
     *("Way", "ImageError", "Timing", "Solid", "Part", "Drag", "Body", "Picture", "Photograph"),
+}
+TWICE = {  # files with equal lines of logic, for now
+    ("core/field/networks/reference.py", "core/field/networks/reference.py"),
+    ("core/field/networks/triton_kernels.py", "core/field/networks/triton_kernels.py"),
+    ("core/render/overlap/pieces.py", "core/render/overlap/window_slots.py"),
+    ("core/render/overlap/window_slots.py", "core/render/rounds/slots.py"),
 }
 
 
@@ -195,6 +202,32 @@ def test_no_two_classes_have_one_name():
                 places.setdefault(node.name, []).append(module_name(path))
     twice = {name: found for name, found in places.items() if len(found) > 1}
     assert twice.keys() <= SAME_NAMES, twice
+
+
+def logic(path):
+    """(number, text) of the lines that hold logic: no imports, docstrings, heads, names alone."""
+    text, passed = path.read_text(encoding="utf-8"), set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            first = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+            passed.update(range(first, node.body[0].lineno))
+        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if is_text or isinstance(node, ast.Import | ast.ImportFrom):
+            passed.update(range(node.lineno, node.end_lineno + 1))
+    lines = ((n, line.strip()) for n, line in enumerate(text.splitlines(), 1) if n not in passed)
+    return [(n, line) for n, line in lines if not re.fullmatch(r"[\W\d_]*|#.*|[\w.]+,", line)]
+
+
+def test_no_six_lines_of_logic_stand_twice():
+    seen, twice = {}, {}
+    for path in SOURCES:
+        lines, name = logic(path), str(path.relative_to(ROOT))
+        for six in zip(*(lines[k:] for k in range(6)), strict=False):
+            text = "\n".join(line for _, line in six)
+            if text in seen:
+                twice[seen[text][0], name] = f"{seen[text]}, {name} {six[0][0]}:\n{text}"
+            seen.setdefault(text, (name, six[0][0]))
+    assert twice.keys() <= TWICE, "\n\n".join(twice.values())
 
 
 def test_every_package_is_installed():
