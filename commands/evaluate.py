@@ -183,16 +183,16 @@ def print_report(report):
 
 def model_line(facts) -> str:
     """The size of the model and the cost of its training."""
-    parts = []
+    said = []
     if "bytes" in facts:
-        parts.append(f"{facts['bytes'] / 1e6:.2f} MB")
-        parts.append(f"mesh {facts['mesh_bytes'] / 1e3:.0f} KB")
-        parts.append(f"tables {facts['table_bytes'] / 1e6:.2f} MB")
-    parts.append(f"{facts['occupied_share']:.1%} of the sub-tets occupied")
+        said.append(f"{facts['bytes'] / 1e6:.2f} MB")
+        said.append(f"mesh {facts['mesh_bytes'] / 1e3:.0f} KB")
+        said.append(f"tables {facts['table_bytes'] / 1e6:.2f} MB")
+    said.append(f"{facts['occupied_share']:.1%} of the sub-tets occupied")
     if "training_seconds" in facts:
-        parts.append(f"trained in {facts['training_seconds']:.0f} s")
+        said.append(f"trained in {facts['training_seconds']:.0f} s")
     memory = facts.get("training_peak_memory_bytes")
     if isinstance(memory, list):
         stages = " and ".join(f"{used / 2**30:.2f}" for used in memory)
-        parts.append(f"{stages} GiB of GPU memory in stages 1 and 2")
-    return "Model: " + ", ".join(parts)
+        said.append(f"{stages} GiB of GPU memory in stages 1 and 2")
+    return "Model: " + ", ".join(said)

@@ -34,7 +34,7 @@ AGAIN_SECONDS = 0.05  # until an interrupt that was lost comes again
 STOPPING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
-# What any part of a job may meet, through no fault of the program.
+# What any job may meet, through no fault of the program.
 SHORTAGES = tuple(
     getattr(errno, name)
     for name in (

@@ -334,14 +334,14 @@ def second_place(trained, path: Path, arguments: TrainArguments) -> Path | None:
 
 def lost(error: OSError, path: Path, second: Path | None, checkpoint_path: Path | None) -> str:
     """Why the model could not be written, where it is instead, and the run's checkpoint."""
-    parts = [f"can't write {path}: {error.strerror or error}"]
+    said = [f"can't write {path}: {error.strerror or error}"]
     if second:
-        parts.append(f"the model is in {second}, without scores")
+        said.append(f"the model is in {second}, without scores")
     if checkpoint_path:
-        parts.append(f"the run is kept in {checkpoint_path}: make room, then add --resume")
+        said.append(f"the run is kept in {checkpoint_path}: make room, then add --resume")
     elif not second:
-        parts.append("the run has no checkpoint to continue from")
-    return "; ".join(parts)
+        said.append("the run has no checkpoint to continue from")
+    return "; ".join(said)
 
 
 def summary(trained, path: Path, scores: dict | None) -> str:

@@ -237,20 +237,20 @@ class App:
         self.fly.advance(seconds)
         photograph, places = placed_photograph(self)
         moved, tick = scene.moving, scene.journal.tick
-        with times.part("simulate"):
+        with times.task("simulate"):
             scene.advance(seconds)
         if moved:
             times.passed(seconds, scene.journal.tick - tick)
         camera = controls.camera
         self.radiance.update(camera, whole or self._wants_transparent)
-        with times.part("draw"):
+        with times.task("draw"):
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
         if self.gui is not None:
-            with times.part("panel"):
+            with times.task("panel"):
                 self._draw_panels()
-            with times.part("flip"):
+            with times.task("flip"):
                 self.canvas.show()
                 self.window.flip()
         self.takes.update()

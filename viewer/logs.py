@@ -33,7 +33,7 @@ def start(path: Path) -> Path | None:
     handler.setFormatter(logging.Formatter(FORMAT))
     handler.setLevel(logging.INFO)
     logging.getLogger().addHandler(handler)
-    # The root logger passes warnings on; these lines begin each run's part of the file.
+    # The root logger passes warnings on; these lines begin what each run writes.
     system = f"Python {platform.python_version()}, {platform.platform()}"
     line = f"deformrf {program_version()}, {system}: {' '.join(sys.argv)}"
     handler.handle(log.makeRecord(log.name, logging.INFO, __file__, 0, line, (), None))

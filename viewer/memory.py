@@ -36,6 +36,6 @@ def device_bytes(device) -> int | None:
 
 def memory_line(device) -> str:
     """Both, in one line."""
-    parts = (("main memory", resident_bytes()), (device.name, device_bytes(device)))
-    known = [f"{name} {count / 2**20:,.0f} MiB" for name, count in parts if count is not None]
+    both = (("main memory", resident_bytes()), (device.name, device_bytes(device)))
+    known = [f"{name} {count / 2**20:,.0f} MiB" for name, count in both if count is not None]
     return ", ".join(known) or "memory unknown"

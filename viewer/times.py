@@ -12,27 +12,27 @@ import numpy as np
 
 from ..core.deform import TIME_STEP
 
-PARTS = ("simulate", "render", "upload", "draw", "panel", "flip")  # of a frame
+TASKS = ("simulate", "render", "upload", "draw", "panel", "flip")  # of a frame
 HISTORY = 120  # frames
 RECENT = 9  # frames; few enough to follow what the user does
 SHOWN_SECONDS = 1.0  # over which read-outs are means
 
 
 class FrameTimes:
-    """Seconds per frame and per part of a frame, over the last frames."""
+    """Seconds per frame and per task of a frame, over the last frames."""
 
     def __init__(self):
         self.frames = deque([0.0], maxlen=HISTORY)
         self.rendering: dict[str, float] = {}  # the renderer's stages in the last image
-        self._parts = {part: deque([0.0], maxlen=HISTORY) for part in PARTS}
-        self._now = dict.fromkeys(PARTS, 0.0)
+        self._tasks = {task: deque([0.0], maxlen=HISTORY) for task in TASKS}
+        self._now = dict.fromkeys(TASKS, 0.0)
         self._last = None
-        self._kept = deque(maxlen=HISTORY)  # when a frame ended, its seconds, and its parts'
+        self._kept = deque(maxlen=HISTORY)  # when a frame ended, its seconds, and its tasks'
         self._paces = deque(maxlen=HISTORY)  # when, and seconds by the clock and of the object
 
     @contextmanager
-    def part(self, name: str):
-        """Add the time spent inside to one part of the present frame."""
+    def task(self, name: str):
+        """Add the time spent inside to one task of the present frame."""
         start = time.perf_counter()
         try:
             yield
@@ -46,18 +46,18 @@ class FrameTimes:
             self.frames.append(now - self._last)
             self._kept.append((now, now - self._last, dict(self._now)))
         for name, value in self._now.items():
-            self._parts[name].append(value)
+            self._tasks[name].append(value)
         self.rest()
         self._last = now
 
     def rest(self) -> None:
         """No frame follows for a while: the time until the next one belongs to no frame."""
         self._last = None
-        self._now = dict.fromkeys(PARTS, 0.0)
+        self._now = dict.fromkeys(TASKS, 0.0)
 
-    def recent(self, parts) -> float:
-        """Median seconds that these parts took together in the last few frames."""
-        return float(np.median(np.sum([list(self._parts[p])[-RECENT:] for p in parts], axis=0)))
+    def recent(self, tasks) -> float:
+        """Median seconds that these tasks took together in the last few frames."""
+        return float(np.median(np.sum([list(self._tasks[p])[-RECENT:] for p in tasks], axis=0)))
 
     def frame_seconds(self) -> float:
         """Mean length of the frames of the last second; 0 before the second frame."""
@@ -65,9 +65,9 @@ class FrameTimes:
         return float(np.mean([seconds for _, seconds, _ in shown])) if shown else 0.0
 
     def means(self) -> dict[str, float]:
-        """Mean seconds per part of the frames of the last second."""
-        shown = self._shown(self._kept) or [(0.0, 0.0, dict.fromkeys(PARTS, 0.0))]
-        return {name: sum(parts[name] for _, _, parts in shown) / len(shown) for name in PARTS}
+        """Mean seconds per task of the frames of the last second."""
+        shown = self._shown(self._kept) or [(0.0, 0.0, dict.fromkeys(TASKS, 0.0))]
+        return {name: sum(tasks[name] for _, _, tasks in shown) / len(shown) for name in TASKS}
 
     def passed(self, seconds: float, ticks: int) -> None:
         """Note the seconds that passed for the user, and the ticks for an object that moves."""

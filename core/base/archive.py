@@ -60,8 +60,8 @@ class StoredArray:
         with self.archive.zip.open(self.entry) as stream:
             stream.read(self.start)
             for first in range(0, self.nbytes, LONGEST_READ):
-                part = memoryview(values)[first : first + LONGEST_READ]
-                if stream.readinto(part) != len(part):
+                block = memoryview(values)[first : first + LONGEST_READ]
+                if stream.readinto(block) != len(block):
                     raise EOFError(f"'{self.entry.filename}' ends too early")
             stream.read(1)  # the zip's checksum is compared at the end of an entry
         shape = self.shape[::-1] if self.fortran else self.shape

@@ -13,11 +13,11 @@ class Feed:
 
     def __init__(self, array: wp.array):
         self._array = array
-        self._room, self._taken = array, None
+        self._memory, self._taken = array, None
         if array.device.is_cuda:
-            self._room = wp.empty_like(array, device="cpu", pinned=True)
-            self._taken = wp.Event(array.device)  # the device has read the room
-        self._on_host = self._room.numpy()
+            self._memory = wp.empty_like(array, device="cpu", pinned=True)
+            self._taken = wp.Event(array.device)  # the device has read it
+        self._on_host = self._memory.numpy()
 
     def put(self, values) -> None:
         """Fill the array with numbers of its shape, in NumPy's form.
@@ -31,5 +31,5 @@ class Feed:
             wp.synchronize_event(self._taken)
         np.copyto(self._on_host, values, casting="same_kind")
         if self._taken:
-            wp.copy(self._array, self._room)
+            wp.copy(self._array, self._memory)
             wp.get_stream(self._array.device).record_event(self._taken)

@@ -21,14 +21,14 @@ FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
 HEIF_ENDINGS = (".heic", ".heif")
 MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
 LARGE = 25 * 2**20  # pixels, 100 MiB: a damaged file is refused before it takes as much
-AT_A_TIME = 2**20  # pixels of a TIFF's parts
+AT_A_TIME = 2**20  # pixels of a TIFF's strips or tiles
 ORIENTATION = 0x0112  # EXIF's tag: 1 is upright, 5 to 8 exchange width and height
 DIRECT = {"RGBA", "RGB", "L", "LA", "1", "P", "PA"}  # Pillow's modes that convert to RGBA
 BY_RGB = {"CMYK", "YCbCr", "RGBX"}
-# TIFF's tags that say how a strip or a tile is to be decoded, and compressions whose parts need
+# TIFF's tags that say how a strip or a tile is to be decoded, and compressions that need
 # nothing else: LZW, JPEG, Deflate twice, PackBits, LZMA, Zstandard.
 CODING = (258, 259, 262, 266, 277, 317, 320, 338, 339, 347, 530, 531, 532)
-IN_PARTS = (5, 7, 8, 32946, 32773, 34925, 50000)
+IN_STRIPS = (5, 7, 8, 32946, 32773, 34925, 50000)
 TURNS = {  # by orientation
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -128,23 +128,23 @@ def _check_whole(image) -> None:
             needed = 8 + int.from_bytes(stream.read(8)[4:], "little")
     elif image.format == "TIFF":
         for offsets, counts in ((273, 279), (324, 325)):  # of strips, of tiles
-            parts = zip(image.tag_v2.get(offsets, ()), image.tag_v2.get(counts, ()), strict=False)
-            needed = max([needed, *(offset + count for offset, count in parts)])
+            places = zip(image.tag_v2.get(offsets, ()), image.tag_v2.get(counts, ()), strict=False)
+            needed = max([needed, *(offset + count for offset, count in places)])
     elif not image.info.get("compression"):  # BMP's rows are multiples of 4 bytes
         bits = {"1": 1, "L": 8, "P": 8}.get(image.mode, 24)
         needed = (image.width * bits + 31) // 32 * 4 * image.height
     if length < needed:
         raise OSError(f"{length} of {needed} bytes")
-    if image.format == "TIFF" and image.tag_v2.get(259) in IN_PARTS:
-        for part in _tiff_parts(image):
-            with Image.open(part, formats=("TIFF",)) as decoded:
+    if image.format == "TIFF" and image.tag_v2.get(259) in IN_STRIPS:
+        for strips in _tiff_strips(image):
+            with Image.open(strips, formats=("TIFF",)) as decoded:
                 decoded.load()
 
 
-def _tiff_parts(image):
+def _tiff_strips(image):
     """Yield a TIFF's strips or tiles, some at a time, as files of their own: TIFFs in memory.
 
-    There are none if its planes are apart, or its parts are not the usual ones.
+    There are none if its planes are apart, or its strips are not the usual ones.
     """
     tags, (width, bottom) = image.tag_v2, stored_size(image)
     rows = tags.get(278, bottom)
@@ -153,13 +153,13 @@ def _tiff_parts(image):
         across = -(-width // tags[322])
         width, rows, offsets, counts = tags[322], tags[323], tags[324], tags[325]
     rows = rows if tiled else min(rows, bottom)
-    parts, size = -(-bottom // rows) * across, Path(image.filename).stat().st_size
-    if tags.get(284, 1) != 1 or not len(offsets) == len(counts) == parts or sum(counts) > size:
+    strips, size = -(-bottom // rows) * across, Path(image.filename).stat().st_size
+    if tags.get(284, 1) != 1 or not len(offsets) == len(counts) == strips or sum(counts) > size:
         return
     if width * rows > max(LARGE, image.width * image.height):
         raise OSError(f"tiles of {width}x{rows} pixels")
     many = max(AT_A_TIME // (width * rows), 1)
-    for first in range(0, parts, many):
+    for first in range(0, strips, many):
         lengths = counts[first : first + many]
         height = rows * len(lengths)
         directory = TiffImagePlugin.ImageFileDirectory_v2()
@@ -171,15 +171,15 @@ def _tiff_parts(image):
         directory[257] = height if tiled else min(height, bottom - first * rows)
         directory.tagtype[273] = TiffTags.LONG  # offsets, which Pillow counts from the end
         directory[273] = tuple(accumulate(lengths[:-1], initial=0))
-        part = io.BytesIO()
-        part.write(b"II*\0\x08\0\0\0")
-        directory.save(part)
+        file = io.BytesIO()
+        file.write(b"II*\0\x08\0\0\0")
+        directory.save(file)
         with open(image.filename, "rb") as stream:
             for offset, length in zip(offsets[first : first + many], lengths, strict=True):
                 stream.seek(offset)
-                part.write(stream.read(length))
-        part.seek(0)
-        yield part
+                file.write(stream.read(length))
+        file.seek(0)
+        yield file
 
 
 def rgba(image, upright=False):

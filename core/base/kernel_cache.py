@@ -25,7 +25,7 @@ from .paths import WriteError, whole_file
 from .streams import printable
 
 SUMS = "deformrf-sums.json"  # in a module's folder: checksums by file name
-ROOM = 64 * 2**20  # bytes that a folder needs; Warp's compiler ends the process on a full disk
+SPACE = 64 * 2**20  # bytes that a folder needs; Warp's compiler ends the process on a full disk
 
 log = logging.getLogger(__name__)
 _moving = threading.Lock()
@@ -55,7 +55,7 @@ def problem(folder: Path) -> str:
         free = shutil.disk_usage(folder).free
     except OSError as error:
         return error.strerror or str(error)
-    return "" if free >= ROOM else f"{free / 2**20:.0f} MiB are free, {ROOM >> 20} are needed"
+    return "" if free >= SPACE else f"{free / 2**20:.0f} MiB are free, {SPACE >> 20} are needed"
 
 
 def _guarded(load):

@@ -9,12 +9,12 @@ from .device import thread_count
 
 
 def parts_of(count: int, least: int) -> list[tuple[int, int]]:
-    """First and last + 1 of parts of `count` things, one for each thread.
+    """First and last + 1 of the share of `count` things that each thread has.
 
-    There are fewer parts where one would have fewer than `least` things.
+    There are fewer shares where one would have fewer than `least` things.
     """
-    parts = max(min(thread_count(), count // least), 1)
-    return list(pairwise(count * k // parts for k in range(parts + 1)))
+    shares = max(min(thread_count(), count // least), 1)
+    return list(pairwise(count * k // shares for k in range(shares + 1)))
 
 
 def side_by_side(tasks: list[Callable]) -> list:

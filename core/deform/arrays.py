@@ -117,21 +117,21 @@ def frame_arrays(vertex_count, edges: ConstraintArrays, volumes: ConstraintArray
     return frame
 
 
-def contact_arrays(vertex_count, room, device):
-    """ContactArrays without a contact, with room for so many."""
+def contact_arrays(vertex_count, capacity, device):
+    """ContactArrays without a contact, with space for so many."""
     return zeros(
         ContactArrays,
         device,
         counts=2,
-        vertices=(room, 5),
-        shares=room,
-        spans=(room, 9),
-        bevels=(room, 9),
+        vertices=(capacity, 5),
+        shares=capacity,
+        spans=(capacity, 9),
+        bevels=(capacity, 9),
         limits=2,
         offsets=vertex_count + 1,
-        entries=5 * room,
+        entries=5 * capacity,
         touched=vertex_count,
-        results=(room, 16),
+        results=(capacity, 16),
         loads=vertex_count,
     )
 
@@ -148,7 +148,7 @@ class ConstraintList:
 
     Attributes:
         in_use: Indices of constraints, by color.  [N] int
-        arrays: ConstraintArrays with room for all constraints.
+        arrays: ConstraintArrays with space for all constraints.
     """
 
     def __init__(self, constraints: Constraints, vertex_count, device, by_class=False, halves=None):
@@ -167,14 +167,14 @@ class ConstraintList:
         self._group = CUDA_GROUP if device.is_cuda else CPU_GROUP
         offsets = constraints.offsets
         self._colors = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-        room = int(self._whole_groups(self._counts(np.arange(count))).sum())
+        capacity = int(self._whole_groups(self._counts(np.arange(count))).sum())
         self.arrays = zeros(
             ConstraintArrays,
             device,
-            vertices=(room, constraints.vertices.shape[1]),
-            ids=room,
-            rest_values=room,
-            regularization=room,
+            vertices=(capacity, constraints.vertices.shape[1]),
+            ids=capacity,
+            rest_values=capacity,
+            regularization=capacity,
             offsets=len(offsets),
             color_count=1,
             sections=SECTIONS * (len(offsets) - 1) + 1,

@@ -15,7 +15,7 @@ FOOT_SIZE = 0.05
 
 
 def lowest_pins(vertices: np.ndarray, tets: np.ndarray, fraction: float = 0.05) -> np.ndarray:
-    """The default pins: the lowest part of each connected component.  [V] bool
+    """The default pins: the lowest vertices of each part.  [V] bool
 
     Args:
         fraction: Share of the component's height; raised where its lowest vertices are a point

@@ -22,7 +22,7 @@ from ..geometry import EDGES, face_components, signed_volumes, tet_neighbours
 
 SHORT_VOLUME = 0.25  # V_e of a short brace, in means over edges; a hinge has many of them
 LONG_STIFFNESS = 1.0  # of a long brace, in those of a mean edge; 4 would gain 10 % of f₁
-REACH = 0.4  # of the smaller part's size, the cube root of its volume
+REACH = 0.4  # of the smaller block's size, the cube root of its volume
 LEAST_REACH = 1.0  # mean edges; short braces reach so far
 FLAT = 0.05  # |det| of the directions to three places that are as good as in a plane
 
@@ -38,7 +38,7 @@ def hinge_braces(rest_vertices, tets, mean_edge):
     again = pairs[1:, 0] == pairs[:-1, 0]
     if not again.any():  # as with most meshes
         return _sorted(()), _sorted(())
-    # Vertices of several parts, with each of these, sorted.
+    # Vertices of several blocks, with each of these, sorted.
     contacts = pairs[np.append(again, False) | np.append(False, again)]
     edges = set(map(tuple, np.sort(tets[:, EDGES].reshape(-1, 2), axis=1).tolist()))
     short = _short_braces(tets, labels, np.unique(contacts[:, 0])) - edges
@@ -51,7 +51,7 @@ def _sorted(pairs):
 
 
 def _short_braces(tets, labels, hinges):
-    """Pairs of corners of tets that share one of the vertices `hinges` but no part."""
+    """Pairs of corners of tets that share one of the vertices `hinges` but no block."""
     corner_order = np.argsort(tets.ravel(), kind="stable")
     begin, end = (
         np.searchsorted(tets.ravel()[corner_order], hinges, side=side) for side in ("left", "right")
@@ -67,20 +67,20 @@ def _short_braces(tets, labels, hinges):
 
 
 def _long_braces(rest_vertices, tets, labels, contacts, least_reach):
-    """Pairs of places in two parts that touch and whose reach is at least so long [m]."""
+    """Pairs of places in two blocks that touch and whose reach is at least so long [m]."""
     volumes = np.bincount(labels, np.abs(signed_volumes(rest_vertices, tets)))
     reaches = REACH * np.cbrt(volumes)
     contacts = contacts[reaches[contacts[:, 1]] > least_reach].tolist()
-    shared_by = {}  # vertices of two large parts; a third one is joined to the second
-    for (vertex, part), (same, other) in pairwise(contacts):
+    shared_by = {}  # vertices of two large blocks; a third one is joined to the second
+    for (vertex, block), (same, other) in pairwise(contacts):
         if vertex == same:
-            shared_by.setdefault((part, other), []).append(vertex)
+            shared_by.setdefault((block, other), []).append(vertex)
     braces = set()
-    for parts, shared in shared_by.items():
-        reach = reaches[list(parts)].min()
+    for blocks, shared in shared_by.items():
+        reach = reaches[list(blocks)].min()
         ends = [
-            _places(rest_vertices, np.setdiff1d(tets[labels == part], shared), shared, reach)
-            for part in parts
+            _places(rest_vertices, np.setdiff1d(tets[labels == block], shared), shared, reach)
+            for block in blocks
         ]
         braces.update((min(pair), max(pair)) for pair in product(*ends))
     return braces

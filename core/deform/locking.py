@@ -39,8 +39,8 @@ def volume_shares(rest_vertices, tets, volumes):
     holders = np.bincount(tets[holds].ravel(), minlength=count)
     takes = holders[tets] > 0
     gives = takes.any(axis=1) & ~holds
-    parts = np.where(gives, volumes / np.maximum(takes.sum(axis=1), 1), 0.0)[:, None] * takes
-    given = np.bincount(tets.ravel(), weights=parts.ravel(), minlength=count)
+    shares = np.where(gives, volumes / np.maximum(takes.sum(axis=1), 1), 0.0)[:, None] * takes
+    given = np.bincount(tets.ravel(), weights=shares.ravel(), minlength=count)
     taken = (given / np.maximum(holders, 1))[tets].sum(axis=1)
     return np.where(holds, 1.0 + taken / volumes, np.where(gives, 0.0, 1.0))
 

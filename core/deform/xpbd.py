@@ -90,8 +90,8 @@ class XpbdSolver:
         self._stiffness = None  # factors of Young's modulus  [V]
 
         common = count, self.device, on_gpu and runs_in_block(count), halves
-        self._lists = [ConstraintList(part, *common) for part in lists]
-        arrays = frame_arrays(count, *(part.arrays for part in self._lists), self.device)
+        self._lists = [ConstraintList(one, *common) for one in lists]
+        arrays = frame_arrays(count, *(one.arrays for one in self._lists), self.device)
         self._state, self._timing, self._motion = arrays.state, arrays.timing, arrays.motion
         self.vertices: wp.array = arrays.state.vertices
         self.velocities: wp.array = arrays.state.velocities
@@ -388,14 +388,14 @@ class XpbdSolver:
         movable &= self._active[self._part_of]
         of_edges, of_volumes = self._compliances
         of_constraints = of_edges, self._guard.guarded(of_volumes)
-        for part, compliances in zip(self._lists, of_constraints, strict=True):
+        for one, compliances in zip(self._lists, of_constraints, strict=True):
             whole = self._recovery.softened is not None or compliances is None
-            part.select(movable, True if whole else np.isfinite(compliances))
-            regularization = part.constraints.regularization
+            one.select(movable, True if whole else np.isfinite(compliances))
+            regularization = one.constraints.regularization
             if self._recovery.softened is not None:
-                part.set_regularization(regularization(0.0, w, h, floor=self._recovery.softened))
+                one.set_regularization(regularization(0.0, w, h, floor=self._recovery.softened))
             elif compliances is not None:
-                part.set_regularization(regularization(compliances, w, h))
+                one.set_regularization(regularization(compliances, w, h))
         self._holds.prepare_springs(h)
         self._rest_shape.prepare(self.material.yield_strain)
         held = np.bincount(self._part_of, self._holds.held)

@@ -15,7 +15,17 @@ import numpy as np
 
 from ..base.archive import one_sentence, open_archive, unpacked_limit
 from ..base.paths import program_version, whole_file
-from ..base.schema import FileError, array, check, declared
+from ..base.schema import (
+    FileError,
+    array,
+    check,
+    declared,
+    flag,
+    integer,
+    listing,
+    number,
+    text,
+)
 from ..base.streams import printable, shown
 from ..geometry import tet_neighbours
 from .archive import ModelFileError
@@ -53,33 +63,18 @@ SAMPLE_COLOR_VERSION, RAY_COLOR_VERSION = 2, 3  # the first that know such field
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
 LONGEST_META = 2**20  # bytes; ours has some 30,000
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
-TRAINING_TYPES = {
-    "data": str,
-    "device": str,
-    "diverged": str,
-    "interrupted": bool,
-    "seconds": float,
-    "stage_1_seconds": float,
-    "size": float,
-    "object_box": list,
-    "object_stands": bool,
-    "object_slack": float,
-    "occupied_share": float,
-    "workers": int,
-    "view_count": int,
-    "missing_images": int,
-    "test_view_count": int,
-    "tet_count": int,
-    "stage_1_tet_count": int,
-    "options": dict,
-    "history": list,
-    "image_size": list,
-    "test_mean": dict,
-    "peak_memory_bytes": list,
-    "levels_below_pixel": list,
-    "returns": int,
+FINITE = number(-(2.0**63), 2.0**63)
+TRAINING = {  # what is known of a training: whether a value of the file is one
+    **dict.fromkeys(("data", "device", "diverged"), text()),
+    **dict.fromkeys(("interrupted", "object_stands"), flag),
+    **dict.fromkeys(("seconds", "stage_1_seconds", "size"), FINITE),
+    **dict.fromkeys(("object_slack", "occupied_share"), FINITE),
+    **dict.fromkeys(("workers", "view_count", "missing_images", "test_view_count"), integer()),
+    **dict.fromkeys(("tet_count", "stage_1_tet_count", "returns"), integer()),
+    **dict.fromkeys(("image_size", "peak_memory_bytes", "levels_below_pixel"), listing(FINITE)),
+    **dict.fromkeys(("object_box", "history"), lambda value: isinstance(value, list)),
+    **dict.fromkeys(("options", "test_mean"), lambda value: isinstance(value, dict)),
 }
-NUMBER_LISTS = ("image_size", "peak_memory_bytes", "levels_below_pixel")
 
 
 def save(
@@ -287,32 +282,17 @@ def read_training(values) -> dict:
     """The facts on a model's training; entries of a wrong type are dropped."""
     if not isinstance(values, dict):
         return {}
-    known = {
-        key: value
-        for key, value in values.items()
-        if key not in TRAINING_TYPES or _has_type(value, TRAINING_TYPES[key])
-    }
-    for key, kind in TRAINING_TYPES.items():
-        if kind is str and key in known:  # it is shown in windows and terminals
+    known = {k: v for k, v in values.items() if k not in TRAINING or TRAINING[k](v)}
+    for key in ("data", "device", "diverged"):  # they are shown in windows and terminals
+        if key in known:
             known[key] = printable(known[key])
     if "history" in known:
         known["history"] = [row for row in known["history"] if _is_history_row(row)]
     if "test_mean" in known:
-        scores = known["test_mean"].items()
-        known["test_mean"] = {name: score for name, score in scores if _has_type(score, float)}
-    for key in NUMBER_LISTS:
-        if not all(_has_type(value, float) for value in known.get(key, ())):
-            del known[key]
+        known["test_mean"] = {n: score for n, score in known["test_mean"].items() if FINITE(score)}
     return known
 
 
-def _has_type(value, kind) -> bool:
-    """Whether a JSON value is of a kind; numbers (float) are finite and below 2^63."""
-    if kind is float:
-        return type(value) in (int, float) and abs(value) < 2**63
-    return type(value) is kind
-
-
 def _is_history_row(row) -> bool:
-    numbers = isinstance(row, dict) and all(_has_type(row.get(k), float) for k in HISTORY_KEYS)
+    numbers = isinstance(row, dict) and all(FINITE(row.get(key)) for key in HISTORY_KEYS)
     return numbers and row["seconds"] > 0 and row["stage"] in (1, 2)

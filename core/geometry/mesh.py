@@ -103,7 +103,7 @@ def components(vertex_count: int, tets: np.ndarray) -> np.ndarray:
 def face_components(neighbours: np.ndarray, keep: np.ndarray | None = None) -> np.ndarray:
     """A label 0..C-1 per tet; tets that are joined through faces have the same one.  [T] int32
 
-    Parts that touch only along an edge or at a vertex get different labels: they would swing
+    Tets that touch only along an edge or at a vertex get different labels: they would swing
     like on a hinge.  Tets that are not in `keep` [T] have the label -1.
     """
     keep = np.ones(len(neighbours), bool) if keep is None else keep

@@ -222,19 +222,19 @@ def render_view(renderer, around, camera, options, samples=1):
     black = replace(options, background=(0.0, 0.0, 0.0))
     origins, directions = camera_rays(camera)
     color, opacity, _ = renderer.render_rays(origins, directions, black)
-    parts = []
+    colors = []
     with torch.no_grad(), on_warp_stream(renderer.device):
         still = wp.zeros(1, dtype=int, device=renderer.device)
         for first in range(0, len(origins), SURROUNDINGS_RAYS):
-            part = slice(first, first + SURROUNDINGS_RAYS)
+            some = slice(first, first + SURROUNDINGS_RAYS)
             rays = [
-                wp.array(a[part].astype(np.float32), dtype=wp.vec3, device=renderer.device)
+                wp.array(a[some].astype(np.float32), dtype=wp.vec3, device=renderer.device)
                 for a in (origins, directions)
             ]
             front, behind = around(*rays, still)
-            mine = [torch.from_numpy(a[part]).to(behind.device) for a in (color, opacity)]
-            parts.append(over(front, *mine, behind).cpu().numpy())
-    pixels = np.column_stack([np.concatenate(parts), opacity])
+            mine = [torch.from_numpy(a[some]).to(behind.device) for a in (color, opacity)]
+            colors.append(over(front, *mine, behind).cpu().numpy())
+    pixels = np.column_stack([np.concatenate(colors), opacity])
     image = np.round(255.0 * np.clip(pixels, 0.0, 1.0)).astype(np.uint8)
     return image.reshape(camera.height, camera.width, 4)
 

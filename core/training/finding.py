@@ -76,15 +76,15 @@ class FoundBox:
         return Plane(np.array([0.0, -1.0, 0.0]), -self.box[1, 1])
 
     @property
-    def room(self):
+    def space(self):
         """Where matter may be: the box, and all behind the plane, where its surface is.  [2, 3]"""
-        room = self.box.copy()
-        room[(0, 2) if self.stands else (1, 1)] -= self.plane.normal.sum()
-        return room
+        space = self.box.copy()
+        space[(0, 2) if self.stands else (1, 1)] -= self.plane.normal.sum()
+        return space
 
     @property
     def seen(self):
-        """The part of space whose rays are learned from.  [2, 3]"""
+        """The space whose rays are learned from.  [2, 3]"""
         return self.box + np.array([[-AROUND], [AROUND]])
 
 
@@ -140,8 +140,8 @@ def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundO
     mine = found
     values = torch.zeros(17, dtype=torch.float64)
     if found is not None:
-        parts = found.turn.ravel(), found.box.ravel(), [found.stands, 1.0]
-        values = torch.from_numpy(np.concatenate(parts))
+        numbers = found.turn.ravel(), found.box.ravel(), [found.stands, 1.0]
+        values = torch.from_numpy(np.concatenate(numbers))
     values = values.to(wp.device_to_torch(device))
     workers.broadcast_(values)
     turn, box, (stands, is_found) = np.split(values.cpu().numpy(), [9, 15])

@@ -19,7 +19,7 @@ from .train_options import TrainOptions
 
 NAMES_SHOWN = 4
 # Of the rays that surroundings are learned from, at most, those that pass the object by: without
-# them whole photographs could not be compared, with all of them most of a room would be learned.
+# them whole photographs could not be compared, with all of them mostly walls would be learned.
 ASIDE = 0.1
 # With less of a spread, exposures are left to colors that depend on the direction, see
 # docs/design/004-training.md.

@@ -44,7 +44,7 @@ class TrainOptions:
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, see loss.py, where features outnumber
             what photographs show; against noise.
-        leave_out: Parts of the method that this scene is learned without, of LEAVE_OUT:
+        leave_out: What of the method that this scene is learned without, of LEAVE_OUT:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":

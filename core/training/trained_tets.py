@@ -125,11 +125,11 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
 
 
 def without_spurs(field: TetField) -> TetField:
-    """The field without long thin parts in which there is hardly anything.
+    """The field without long thin chains in which there is hardly anything.
 
     Stage 1 finds some fog far from an object.  Where it is joined to the object, `kept_mesh` has a
     chain of tets there.  It shows nothing, but it is a pendulum: it swings for seconds, and bends
-    far under its weight.  A chain that joins two parts of the object stays, and so does what the
+    far under its weight.  A chain that joins two things of the object stays, and so does what the
     object encloses, where nothing is occupied either.
     """
     mesh, neighbours = field.mesh, field.neighbours

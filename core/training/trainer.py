@@ -106,7 +106,7 @@ def train(
     Raises:
         DatasetError: Stage 1 found nothing in the scene box.
         MemoryError: Memory is too small, in a sentence that names the checkpoint.  A single
-            worker saves one before; several cannot, because each has a part of it and the others
+            worker saves one before; several cannot, because each has a share of it and the others
             wait for this worker in the middle of a step: their last checkpoint remains.
     """
     start_warp()
@@ -255,7 +255,7 @@ class _Run:
             self.surroundings,
             "subtet-mask" not in self.options.leave_out,
             self.workers,
-            self.found and self.found.room,
+            self.found and self.found.space,
             self.exposure,
         )
         if field.device.is_cuda:
@@ -335,14 +335,14 @@ class _Run:
                 if not lacks_memory(second):
                     raise
         resume = f"with more memory, --resume continues from {self.checkpoint_path}"
-        parts = (str(OutOfMemory.of(error)), consequence, self.resumable and resume)
-        return OutOfMemory("; ".join(filter(None, parts)))
+        sentences = (str(OutOfMemory.of(error)), consequence, self.resumable and resume)
+        return OutOfMemory("; ".join(filter(None, sentences)))
 
     def _save(self, ends=False):
         """Write a checkpoint; say so if that fails.  `ends`: whether the run ends here."""
         if self.optimization is None:
             return
-        state = self.optimization.state()  # every worker has a part of it
+        state = self.optimization.state()  # every worker has a share of it
         place = self.stage, self.optimization.number
         if self.checkpoint_path is None or self.saved_place == place:
             return

@@ -153,7 +153,7 @@ def main():
             print(f"{steps} steps from the start: {time.perf_counter() - begin:.1f} s")
         for ahead in arguments.ahead:
             recorded_steps.AHEAD = ahead
-            run.set_ray_count(run.ray_count, int(optimization.RAY_ROOM * run.ray_count))
+            run.set_ray_count(run.ray_count, int(optimization.RAY_SPACE * run.ray_count))
             run.step(1e-4, white=True)  # records
             ms, samples = as_run(run, progress, arguments.seconds)
             shares = parts(run)

@@ -4,27 +4,27 @@ import time
 
 import pytest
 
-from deformrf.viewer.times import PARTS, FrameTimes
+from deformrf.viewer.times import TASKS, FrameTimes
 
 
 def test_times_of_a_stage_add_up_within_a_frame():
     times = FrameTimes()
     times.end_frame()  # the first frame has no beginning
     for _ in range(9):
-        with times.part("draw"):
+        with times.task("draw"):
             time.sleep(0.004)
-        with times.part("draw"):
+        with times.task("draw"):
             time.sleep(0.004)
         times.end_frame()
     assert times.means()["draw"] == pytest.approx(0.008, rel=0.5)
     assert times.means()["upload"] == 0.0
     assert times.frame_seconds() >= 0.006
-    assert set(times.means()) == set(PARTS)
+    assert set(times.means()) == set(TASKS)
 
 
 def test_a_stage_that_fails_is_still_timed():
     times = FrameTimes()
-    with pytest.raises(ValueError), times.part("render"):
+    with pytest.raises(ValueError), times.task("render"):
         time.sleep(0.002)
         raise ValueError
     times.end_frame()
@@ -34,7 +34,7 @@ def test_a_stage_that_fails_is_still_timed():
 def test_what_happens_at_rest_is_part_of_no_frame():
     times = FrameTimes()
     times.end_frame()
-    with times.part("render"):
+    with times.task("render"):
         time.sleep(0.05)
     times.rest()
     times.end_frame()
@@ -47,7 +47,7 @@ def test_recent_stages_are_added_up_frame_by_frame():
     times = FrameTimes()
     for _ in range(9):
         for stage in ("draw", "panel", "flip"):
-            with times.part(stage):
+            with times.task(stage):
                 time.sleep(0.003)
         times.end_frame()
     assert times.recent(("draw", "panel")) == pytest.approx(0.006, rel=0.5)
@@ -61,7 +61,7 @@ def test_all_read_outs_are_of_the_last_second(monkeypatch):
     times.end_frame()
     for length, simulate, count in ((0.02, 0.00005, 100), (0.1, 0.06, 20)):
         for _ in range(count):
-            with times.part("simulate"):
+            with times.task("simulate"):
                 now += simulate
             now += length - simulate
             times.end_frame()

@@ -1,7 +1,7 @@
-"""The object in the part of the window that the panel leaves free.
+"""The object in what the panel leaves free of the window.
 
 An orbit says nothing of windows and panels: its films show the target in the middle.  In the
-window, the axis of view goes through the middle of the free part, and the picture is scaled so
+window, the axis of view goes through the middle of what is free, and the picture is scaled so
 that what fitted into the whole fits there.
 """
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ...core.render import Camera
 
-SMALLEST_SHARE = 0.3  # of the width or height: a smaller part is not used
+SMALLEST_SHARE = 0.3  # of the width or height: less is not used
 
 
 class Covered(NamedTuple):

@@ -128,7 +128,7 @@ def facing(orbit: Orbit, axes) -> Orbit:
     local = upright(orbit.up).T @ axes
     right, _, backward = local.T
     pitch = np.arcsin(np.clip(backward[2], -1.0, 1.0))
-    steep = np.hypot(backward[0], backward[1]) < 1e-9  # then yaw takes the roll's part
+    steep = np.hypot(backward[0], backward[1]) < 1e-9  # then yaw acts as the roll
     yaw = np.arctan2(right[1], right[0]) if steep else np.arctan2(backward[0], -backward[1])
     level = level_axes(yaw, pitch)
     roll = np.arctan2(right @ level[:, 1], right @ level[:, 0])

@@ -119,7 +119,7 @@ class Places(NamedTuple):
 
     covered: Covered  # for the render: by panels, and by a photograph beside it
     axis: tuple[float, float]  # of the photograph's view [pixels]
-    room: tuple[float, float]  # half of the width and height for it [pixels]
+    half_size: tuple[float, float]  # half of the width and height that it has [pixels]
     left: float  # its left border [pixels]
 
 
@@ -144,21 +144,21 @@ def places(size, covered: Covered, ratio: float, where: str) -> Places:
     return Places(halved, axis, (0.25 * width, 0.5 * height), left + 0.5 * width)
 
 
-def seen_from(photograph: Photograph, orbit, size, room, center):
-    """The orbit from where a photograph was taken; all of it fits into the room around its axis.
+def seen_from(photograph: Photograph, orbit, size, half_size, center):
+    """The orbit from where a photograph was taken; all of it fits around its axis.
 
     Args:
         size: Of the window [pixels].
-        room: Half of the width and height that there is [pixels].
+        half_size: Half of the width and height that there is [pixels].
         center: The object's, near which the orbit's target is.  [3]
     """
     lens, pose = photograph.lens, photograph.pose
-    sides = zip((lens.width, lens.height), lens.center, lens.focal, room, strict=True)
+    sides = zip((lens.width, lens.height), lens.center, lens.focal, half_size, strict=True)
     focal = min(half * f / max(c, length - c) for length, c, f, half in sides)
     distance = (pose[:3, 3] - center) @ pose[:3, 2]
     distance = float(np.clip(distance, orbits.CLOSEST, orbits.FARTHEST))
     # in_free_part scales the picture, unless all is free.
-    height = size[1] if np.allclose(np.multiply(room, 2.0), size) else 2.0 * min(room)
+    height = size[1] if np.allclose(np.multiply(half_size, 2.0), size) else 2.0 * min(half_size)
     return replace(
         orbits.facing(orbit, pose[:3, :3]),
         target=pose[:3, 3] - distance * pose[:3, 2],

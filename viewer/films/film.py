@@ -72,7 +72,7 @@ def between(first: Orbit, second: Orbit, share: float) -> Orbit:
 
 
 def turned_around(orbit: Orbit, share: float) -> Orbit:
-    """The camera after a part of a turn around its target."""
+    """The camera after a share of a turn around its target."""
     return replace(orbit, yaw=orbit.yaw + 2.0 * np.pi * share)
 
 
@@ -185,7 +185,7 @@ class Film:
         Args:
             size: Width and height [pixels].
             count: Of images.
-            shutter: The part of a frame's time that they are spread over; it ends when the frame
+            shutter: The share of a frame's time that they are spread over; it ends when the frame
                 is shown, so that the last image sees what a frame without blur shows.
 
         Returns:

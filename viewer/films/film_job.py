@@ -66,7 +66,7 @@ class FilmChoices:
         return self.format != "MP4 (H.264)"
 
     def arguments(self, window_size) -> list[str]:
-        """Those of deformrf-render, without the model, the session and its part."""
+        """Those of deformrf-render, without the model, the session and the take."""
         size = "x".join(map(str, window_size)) if self.size == SIZES[0] else self.size
         chosen = ["--size", size, "--fps", str(self.fps), "--samples", str(self.samples)]
         if self.blur and self.samples > 1:

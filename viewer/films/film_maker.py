@@ -18,7 +18,7 @@ class FilmOptions:
     """How a film is rendered, whatever it shows."""
 
     samples: int = 1  # images a frame
-    shutter: float = 0.0  # the part of a frame's time that they are spread over
+    shutter: float = 0.0  # the share of a frame's time that they are spread over
     transparent: bool = False
     show_handles: bool = True
     mode: str | None = None  # None: what the session shows
@@ -70,11 +70,11 @@ class FilmMaker:
     def report(self, encoding: float) -> str:
         """What took how long, in one line; `encoding` has the seconds of the encoder's thread."""
         total, count = time.perf_counter() - self._since, max(self.made, 1)
-        parts = [
+        said = [
             f"{name} {seconds:.1f} s ({1e3 * seconds / count:.0f} ms a frame)"
             for name, seconds in {**self.seconds, "encoding beside it": encoding}.items()
         ]
-        return f"{self.made} frames in {total:.1f} s: {', '.join(parts)}"
+        return f"{self.made} frames in {total:.1f} s: {', '.join(said)}"
 
     @contextmanager
     def _step(self, name):

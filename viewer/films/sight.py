@@ -1,7 +1,7 @@
 """A film's camera with the lens of a photograph.
 
 An Orbit has a vertical field of view alone.  A photograph's lens has two focal lengths, an axis
-beside the middle of the image, and distortion; a Sight has these as well, in parts of the image's
+beside the middle of the image, and distortion; a Sight has these as well, in shares of the image's
 height, so that a film may have another size.  What lies between two keys is interpolated.
 """
 

@@ -1,4 +1,4 @@
-"""The Record button: it marks a part of the session, of which a film can be made afterwards.
+"""The Record button: it marks a stretch of the session, of which a film can be made afterwards.
 
 While it is on, nothing is read from the screen: a take is two ticks.  A film of it is rendered
 in full, whatever the window showed (film_job.py).
@@ -16,7 +16,7 @@ from .recorder import stamped
 
 @dataclass(frozen=True)
 class Take:
-    """A part of a session."""
+    """A stretch of a session."""
 
     first: int  # tick
     last: int
@@ -28,7 +28,7 @@ class Take:
 
 
 class Takes:
-    """Marks parts of the App's session, and makes films of them."""
+    """Marks stretches of the App's session, and makes films of them."""
 
     def __init__(self, app):
         self.choices = FilmChoices()

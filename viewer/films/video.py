@@ -57,9 +57,9 @@ class VideoWriter:
         # Or it prints its version.  It is read when the encoder opens.
         os.environ.setdefault("SVT_LOG", "1")
         try:
-            self.part = reserved(self._target)
+            self.partial = reserved(self._target)
         except OSError:  # the encoder finds the same, and says so with the first image
-            self.part = self._target.with_name(f".{self.path.stem}.part{self.path.suffix}")
+            self.partial = self._target.with_name(f".{self.path.stem}.part{self.path.suffix}")
         self.width, self.height = self._size = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
         self.fps = fps
         self.frame_count = 0  # in the file, or queued for it
@@ -74,7 +74,7 @@ class VideoWriter:
         try:
             self._open(chosen, transparent)
         except BaseException:
-            discard(self.part)
+            discard(self.partial)
             raise
 
     def _open(self, chosen, transparent):
@@ -82,7 +82,7 @@ class VideoWriter:
         import av
 
         options = {".mp4": {"movflags": "+faststart"}, ".webp": {"loop": "0"}}
-        self._container = av.open(str(self.part), "w", options=options.get(self.path.suffix, {}))
+        self._container = av.open(str(self.partial), "w", options=options.get(self.path.suffix, {}))
         self._stream = self._container.add_stream(
             chosen.name, rate=self.fps, options=chosen.options
         )
@@ -149,19 +149,19 @@ class VideoWriter:
         if self._thread.is_alive():
             self._queue.put(None)
         self._thread.join()
-        empty = not self.frame_count and self.part.exists()  # an older file is better
+        empty = not self.frame_count and self.partial.exists()  # an older file is better
         if self._error or empty:
-            discard(self.part)
+            discard(self.partial)
             if self.frame_count:
                 raise self._failure() from self._error
             raise RuntimeError(f"{self.path} was not written: it would have no frame")
         try:
-            if self.part.exists() or not self._named:
-                sync(self.part)
+            if self.partial.exists() or not self._named:
+                sync(self.partial)
                 self._named = True
-                os.replace(self.part, self._target)
+                os.replace(self.partial, self._target)
         except OSError as error:  # its folder was deleted, say
-            discard(self.part)
+            discard(self.partial)
             raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
         return self.path
 
@@ -220,13 +220,13 @@ class PictureSeries:
     def __init__(self, path: Path, fps: int, transparent: bool = False):
         """Take a folder that is empty or not there yet."""
         self.path, self.fps, self.frame_count = Path(path), fps, 0
-        self.part = free_name(self.path, ".part")
+        self.partial = free_name(self.path, ".part")
         self.encoding_seconds = 0.0  # of all threads together
         self._ended = self._named = False
         self._transparent = transparent
         self._pool = ThreadPoolExecutor(thread_count())  # zlib runs beside the interpreter
         self._waiting = deque()  # futures
-        self.part.mkdir(parents=True)
+        self.partial.mkdir(parents=True)
 
     @property
     def seconds(self) -> float:
@@ -241,7 +241,7 @@ class PictureSeries:
         Raises:
             RuntimeError: One of the last ones can't be written.
         """
-        path = self.part / f"{self.frame_count:05d}.png"
+        path = self.partial / f"{self.frame_count:05d}.png"
         self._waiting.append(self._pool.submit(self._save, path, image))
         self.frame_count += 1
         self._wait(waiting(*image.shape[:2]))
@@ -262,16 +262,16 @@ class PictureSeries:
             raise
         self._pool.shutdown()
         if not self.frame_count:
-            self.part.rmdir()
+            self.partial.rmdir()
             raise RuntimeError(f"{self.path} was not written: it would have no frame")
         try:
-            if self.part.exists() or not self._named:
+            if self.partial.exists() or not self._named:
                 if self.path.is_dir():
                     self.path.rmdir()  # it was there, and empty
                 self._named = True
-                self.part.rename(self.path)
+                self.partial.rename(self.path)
         except OSError as error:
-            where = f"the pictures are in {self.part}"
+            where = f"the pictures are in {self.partial}"
             raise RuntimeError(f"can't write {self.path}: {error.strerror}; {where}") from error
         return self.path
 

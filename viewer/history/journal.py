@@ -139,7 +139,7 @@ class Journal:
         """
         self.tick = 0  # that have passed
         self.events: list[Event] = []
-        self.inside = False  # an edit: what it calls is part of it
+        self.inside = False  # an edit: what it calls belongs to it
         self.steps: list[Step] = []
         self.cursor = 0  # steps before it can be undone, the others done again
         self._state_of, self._restore, self._is_nothing = state_of, restore, is_nothing

@@ -85,8 +85,8 @@ class Fly:
         step = sum(ways) * self.speed * scene.size * min(seconds, LONGEST_STEP)
         depth = self._depth_image()
         if depth is not None:  # inside the object, all is white
-            room = max(float(depth.min()) - NEAREST * scene.size, 0.0)
-            step[2] = max(step[2], -room)
+            gap = max(float(depth.min()) - NEAREST * scene.size, 0.0)
+            step[2] = max(step[2], -gap)
         eye = camera.position + camera.camera_to_world[:3, :3] @ step
         away = np.linalg.norm(eye - scene.center)
         eye = scene.center + (eye - scene.center) * min(1.0, FARTHEST_AWAY / max(away, 1e-9))

@@ -68,7 +68,7 @@ def _look_from(app, photograph, places):
     from ..camera import seen_from
 
     scene, size = app.scene, app.controls.size
-    scene.orbit = seen_from(photograph, scene.orbit, size, places.room, scene.center)
+    scene.orbit = seen_from(photograph, scene.orbit, size, places.half_size, scene.center)
 
 
 def placed_photograph(app):

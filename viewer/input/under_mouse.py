@@ -27,5 +27,5 @@ def nearest_zoom(camera, depth, anchor, size: float) -> float:
     """
     if depth is None or camera.parallel:
         return 0.0
-    room = max(float(depth.min()) - NEAREST * size, 0.0)
-    return min(max(1.0 - room / np.linalg.norm(anchor - camera.position), 0.0), 1.0)
+    gap = max(float(depth.min()) - NEAREST * size, 0.0)
+    return min(max(1.0 - gap / np.linalg.norm(anchor - camera.position), 0.0), 1.0)

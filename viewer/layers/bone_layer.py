@@ -80,8 +80,8 @@ class BoneLayer:
             self._sphere_buffer.write(spheres)
 
     def release(self) -> None:
-        for part in (self._bones, self._buffer, self._spheres, self._sphere_buffer):
-            part.release()
+        for one in (self._bones, self._buffer, self._spheres, self._sphere_buffer):
+            one.release()
 
 
 def _far_first(scene, places):

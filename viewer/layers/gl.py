@@ -152,8 +152,8 @@ class Canvas:
             depth = self._ctx.depth_renderbuffer(size)
             self._framebuffer = self._ctx.framebuffer([color], depth)
             if old is not None:
-                for part in (*old.color_attachments, old.depth_attachment, old):
-                    part.release()
+                for one in (*old.color_attachments, old.depth_attachment, old):
+                    one.release()
         self._framebuffer.use()
 
     def read(self, channels: int = 3):

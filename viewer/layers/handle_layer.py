@@ -60,7 +60,7 @@ class HandleLayer:
         )
         self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
         held = held_sphere(self._scene)
-        if len(held):  # the part of it that is inside the object, faintly
+        if len(held):  # what of it is inside the object, faintly
             self._sphere_buffer.write(held)
             gl.set_uniforms(self._spheres.program, opacity=GHOST)
             self._ctx.depth_func = ">"

@@ -1,4 +1,4 @@
-"""The legend of a color scale: a bar with numbers and a word, in the picture's right part.
+"""The legend of a color scale: a bar with numbers and a word, at the picture's right.
 
 It is drawn into the canvas, not by the panels: then clips, films and screenshots have it.
 """

@@ -37,7 +37,7 @@ class MeshLayer:
         self._take_tets()
 
     def _take_tets(self):
-        """Make room for the faces around the tets that are left."""
+        """Make space for the faces around the tets that are left."""
         cuts, ctx = self._scene.cuts, self._ctx
         self._kept, tets = cuts.kept, cuts.tets
         faces, _ = boundary_faces(tets, cuts.neighbours)

@@ -3,7 +3,7 @@
 While camera or vertices change, the image is rendered with as many pixels as the target
 frame rate allows.  At rest finer images follow, up to the full resolution, and then shifted
 images whose mean is shown.  They are rendered a strip of rows per frame (resolution.py), and
-shown when they are whole: a seam that moves would look like a part of the picture.
+shown when they are whole: a seam that moves would look like something in the picture.
 The depth is that of the unshifted image: other things in the scene hide behind the object.
 """
 
@@ -25,7 +25,7 @@ from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Pict
 from .upload import ImageTexture, SharedImage, image_target
 
 REST_SECONDS = 0.15  # without a change, before refining begins
-OTHER_PARTS = ("simulate", "draw", "panel")  # of a frame, beside rendering
+OTHER_TASKS = ("simulate", "draw", "panel")  # of a frame, beside rendering
 CHECKER_SIZE = 12  # pixels
 AVERAGED_MODES = ("color", "accumulation")
 SMOOTH_MODES = ("color", "depth", "accumulation", "normals")  # whose colors may be blended
@@ -157,7 +157,7 @@ class RadianceLayer:
             steps_alone = self._seen is not None and seen[:2] == self._seen[:2]
             self._seen, self._changed_at = seen, now
             if scene.revision != self._pose:
-                with self._times.part("render"):
+                with self._times.task("render"):
                     self._renderer.set_vertices(scene.solver.vertices)
                 self._pose = scene.revision
             if whole or settings.fixed_resolution is not None:
@@ -228,12 +228,12 @@ class RadianceLayer:
         """
         scene, moving, rung = self._scene, self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
-        others = (*OTHER_PARTS, "flip") if self.device.is_cpu else OTHER_PARTS
+        others = (*OTHER_TASKS, "flip") if self.device.is_cpu else OTHER_TASKS
         target, seconds = scene.settings.target_fps, self._times.recent(others)
         frames = target * TIME_STEP if steps_alone else 1.0
         if frames > 1.0:
             means = self._times.means()
-            target, seconds = target / frames, frames * sum(means[part] for part in others)
+            target, seconds = target / frames, frames * sum(means[task] for task in others)
         moving.aim(target, seconds)
         pixel = 1.0 / (rung.factor * pixels_per_unit(camera, scene.orbit.distance))
         start = time.perf_counter()
@@ -263,7 +263,7 @@ class RadianceLayer:
             self._sampling = Sampling(self.shown, self.device)
         camera = camera.resized(*self.shown.texture.size)  # at least 8 × 8, unlike the window
         if self._sampling.step(camera, self._add_rows):
-            with self._times.part("upload"):
+            with self._times.task("upload"):
                 self.shown.texture.write_color(self._sampling.color)
 
     def _picture(self, factor, camera, texture, cheaper=None):
@@ -281,9 +281,9 @@ class RadianceLayer:
         options = RenderOptions(background=tuple(scene.settings.background), **picture.cheaper)
         if picture.texture is not None:
             camera = camera.resized(*picture.texture.size)
-            with self._times.part("upload"):
+            with self._times.task("upload"):
                 picture.texture.prepare()
-        with self._times.part("render"):
+        with self._times.task("render"):
             image = render_mode(
                 self._renderer,
                 camera,
@@ -295,7 +295,7 @@ class RadianceLayer:
             wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
         picture.add(image, time.perf_counter() - start)
         if picture.texture is not None:
-            with self._times.part("upload"):
+            with self._times.task("upload"):
                 picture.texture.write(image, rows[0])
 
     # -- OpenGL --------------------------------------------------------------------------
@@ -323,11 +323,11 @@ class RadianceLayer:
             **self._ground.uniforms(unit=2),
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
-        part = self._object_part(camera) if smooth and self._is_plain else None
-        if part is not None:
+        box = self._object_part(camera) if smooth and self._is_plain else None
+        if box is not None:
             background = np.round(255.0 * np.array(self._scene.settings.background)) / 255.0
             self._ctx.clear(*background, 1.0, depth=1.0)
-            self._ctx.scissor = part
+            self._ctx.scissor = box
         self._draw_triangle()
         self._ctx.scissor = None
 

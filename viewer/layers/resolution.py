@@ -7,7 +7,7 @@ finer than a pixel.  After a change the time has to leave a band around the targ
 next one, or the picture would flicker between two.
 
 At rest finer pictures are rendered in strips of rows, so that the window answers meanwhile, up
-to the full resolution; and then images shifted by parts of a pixel, of which the mean is shown.
+to the full resolution; and then images shifted by fractions of a pixel, of which the mean is shown.
 """
 
 from dataclasses import dataclass, field

@@ -122,8 +122,8 @@ class SharedImage:
         wp.get_stream(self._device).wait_stream(self._beside)
         for index, array in enumerate(arrays):
             start = self._mapped.ptr + index * self._byte_count + 4 * first_row * width
-            room = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)
-            wp.copy(room, array)
+            target = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)
+            wp.copy(target, array)
         self._unmap()
 
     def use(self) -> None:
@@ -191,8 +191,8 @@ class ImageTexture:
             return np.ascontiguousarray(pixels.numpy())
         if pixels.dtype not in self._pinned:
             count = self.size[0] * self.size[1]
-            room = wp.empty(count, dtype=pixels.dtype, device="cpu", pinned=True)
-            self._pinned[pixels.dtype] = room
+            memory = wp.empty(count, dtype=pixels.dtype, device="cpu", pinned=True)
+            self._pinned[pixels.dtype] = memory
         pinned = self._pinned[pixels.dtype][: pixels.size].reshape(pixels.shape)
         wp.copy(pinned, pixels.contiguous())
         wp.synchronize_device(pixels.device)

@@ -154,7 +154,7 @@ def _main_panel(app, top):
 
 
 def _beside(app):
-    """Whether the timeline is beside the panel: there is room."""
+    """Whether the timeline is beside the panel: there is space."""
     settings = app.scene.settings
     return settings.show_panel and imgui.get_io().display_size.x > 3.0 * settings.panel_width
 

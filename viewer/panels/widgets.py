@@ -46,7 +46,7 @@ def color(label, value, change) -> None:
     )
     chosen = red, green, blue
     if changed and all(map(math.isfinite, chosen)):
-        change(tuple(min(max(part, 0.0), 1.0) for part in chosen))
+        change(tuple(min(max(share, 0.0), 1.0) for share in chosen))
 
 
 def combo(label, value, values, change, tooltip="") -> None:

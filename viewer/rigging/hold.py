@@ -1,6 +1,6 @@
 """What holds vertices of the object at the same time: the mouse, and bones.
 
-The solver has one list of handles; here each of the two has its own part of it.  Without bones,
+The solver has one list of handles; here each of the two has its own share of it.  Without bones,
 the solver gets what the mouse holds, unchanged.  K vertices that are held.
 """
 

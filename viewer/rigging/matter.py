@@ -18,7 +18,7 @@ STEPS = 4  # a voxel, along a ray
 
 
 class Matter:
-    """The solid part of a field at rest."""
+    """What is solid of a field at rest."""
 
     def __init__(self, field):
         middles = subtet_middles(field.mesh)[unpack_mask(field.occupancy)]  # [N, 3]

@@ -94,7 +94,7 @@ class Posing:
         self._aim = pose
 
     def follow(self, share: float = 1.0) -> None:
-        """Turn the bones by a part of the way to where they were sent."""
+        """Turn the bones by a share of the way to where they were sent."""
         if self._aim is None:
             return
         if share < 1.0:
@@ -205,7 +205,7 @@ class Posing:
 
     @property
     def soft(self) -> bool:
-        """Whether the solver moves a part of the object while bones do."""
+        """Whether the solver moves some of the object while bones do."""
         return self.softness > 0.0
 
     @property

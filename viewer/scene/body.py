@@ -33,7 +33,7 @@ class Body:
     """
 
     def __init__(self, rest_vertices, tets, pinned, size, meters, device, factors=None):
-        """Take a mesh at rest whose visible part has the longest side `size` [units].
+        """Take a mesh at rest of which what is visible has the longest side `size` [units].
 
         Args:
             meters: The length of that side; None: a unit is a meter.

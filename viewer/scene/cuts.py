@@ -24,7 +24,7 @@ APART = 1.5  # edges of a sub-tet from a control point to matter: farther, the p
 
 
 class Cuts:
-    """The deleted part of one scene's object.
+    """What is deleted of one scene's object.
 
     Attributes:
         removed: Sub-tets that are deleted; never changed in place.  [T] uint64
@@ -174,7 +174,7 @@ class Cuts:
         scene.handles.forget_deleted()
 
     def _lowest_part(self):
-        """The vertices at the lowest part of what is left.  [V] bool"""
+        """The lowest vertices of what is left.  [V] bool"""
         heights = self._matter_middles()[:, 2]
         low, high = float(heights.min()), float(heights.max())
         rest = self._scene.field.mesh.rest_vertices[:, 2]

@@ -12,7 +12,7 @@ from ...core.deform import falloff
 # A patch of radius R of an elastic body with Young's modulus E (the one that the substeps
 # hold) resists a pull like a spring of at most 2 E R: 0.8 E times the size for the largest
 # grab radius.  Springs of 4 E times the size together therefore follow the mouse closely.
-# Their force is limited to that of the patch at an eighth of the size, since thin parts
+# Their force is limited to that of the patch at an eighth of the size, since what is thin
 # would be torn long by more.
 SOFT_STIFFNESS = 4.0  # of all springs of a drag together, in E times the object's size
 SOFT_FORCE = 0.25  # of all of them, in E R times the object's size
@@ -44,7 +44,7 @@ class Motion:
         return replace(self, rotation=np.asarray(rotation, float), scale=float(scale))
 
     def towards(self, other: "Motion", share: float) -> "Motion":
-        """A part of the way to another one; it turns the shorter way."""
+        """A share of the way to another one; it turns the shorter way."""
         if share == 1.0:
             return other
         place = self.place + share * (other.place - self.place)

@@ -240,7 +240,7 @@ class Handles:
         return self.grabbed is not None and self.grabbed.target != self.grabbed.reached
 
     def follow(self, share: float = 1.0) -> None:
-        """Move what is held by a part of the way to where it was sent, if that is anywhere."""
+        """Move what is held by a share of the way to where it was sent, if that is anywhere."""
         if self.behind and np.isfinite(self.grabbed.target.place).all():
             motion = self.grabbed.reached.towards(self.grabbed.target, share)
             if motion.plain and self.grabbed.reached.plain:

@@ -11,7 +11,7 @@ import numpy as np
 MOST_POINTS = 100  # that are placed at the start
 SPACING = 0.12  # of the object's size, between two of them
 SPECK = 0.02  # of the surface's points: what is apart from the others and smaller is no object
-SPARSE = 0.3  # of the points: if the largest part has fewer, they are too far apart
+SPARSE = 0.3  # of the points: if the largest cluster has fewer, they are too far apart
 BLOCK = 1_000_000  # distances at once
 FLAT = 1e-12  # of the longest side cubed: a tet of less volume holds no point
 
@@ -32,8 +32,8 @@ class ControlPoints:
     def rows(self) -> list:
         """As lists of four vertex ids and four weights."""
         return [
-            [*ids, *parts]
-            for ids, parts in zip(self.corners.tolist(), self.weights.tolist(), strict=True)
+            [*ids, *weights]
+            for ids, weights in zip(self.corners.tolist(), self.weights.tolist(), strict=True)
         ]
 
     def __len__(self):
@@ -44,7 +44,7 @@ class ControlPoints:
         return np.einsum("ck,ckx->cx", self.weights, np.asarray(vertices, float)[self.corners])
 
     def share(self, marked):
-        """The part of each point that belongs to marked vertices [V] bool.  [C]"""
+        """The share of each point that belongs to marked vertices [V] bool.  [C]"""
         return (self.weights * marked[self.corners]).sum(axis=1)
 
     def joined(self, more: "ControlPoints") -> "ControlPoints":
@@ -59,8 +59,8 @@ def squared_distances(points, others):
     As a product of matrices, so each is off by 10⁻¹⁵ of the squared distance from the origin.
     """
     squares = (others**2).sum(axis=1)
-    for part in np.array_split(points, max(1, len(points) * len(others) // BLOCK)):
-        yield (part**2).sum(axis=1)[:, None] - 2.0 * (part @ others.T) + squares
+    for some in np.array_split(points, max(1, len(points) * len(others) // BLOCK)):
+        yield (some**2).sum(axis=1)[:, None] - 2.0 * (some @ others.T) + squares
 
 
 def spread(points, spacing: float, count: int):
@@ -83,7 +83,7 @@ def located(points, vertices, tets) -> ControlPoints:
     """The tet in which each point [N, 3] is, or the one that it is least outside of."""
     corners = np.asarray(vertices, float)[tets]
     origins, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]  # [T, 3], [T, 3, 3]
-    # Rows that measure an offset from the origin in parts of the three sides (Cramer's rule).
+    # Rows that measure an offset from the origin in shares of the three sides (Cramer's rule).
     rows = np.cross(sides[:, [1, 2, 0]], sides[:, [2, 0, 1]])
     volumes = (sides[:, 0] * rows[:, 0]).sum(axis=1)
     flat = abs(volumes) <= FLAT * float(np.ptp(corners, axis=(0, 1)).max()) ** 3
@@ -93,31 +93,31 @@ def located(points, vertices, tets) -> ControlPoints:
     ids, weights = [np.zeros(0, int)], [np.zeros((0, 4))]
     for some in np.array_split(points, max(1, 3 * len(points) * len(tets) // BLOCK)):
         along = (rows.reshape(-1, 3) @ some.T).reshape(-1, 3, len(some)) - starts[:, :, None]
-        parts = np.concatenate([1.0 - along.sum(axis=1, keepdims=True), along], axis=1)
-        best = np.where(flat[:, None], -np.inf, parts.min(axis=1)).argmax(axis=0)
-        inside = np.maximum(parts[best, :, np.arange(len(some))], 0.0)
+        shares = np.concatenate([1.0 - along.sum(axis=1, keepdims=True), along], axis=1)
+        best = np.where(flat[:, None], -np.inf, shares.min(axis=1)).argmax(axis=0)
+        inside = np.maximum(shares[best, :, np.arange(len(some))], 0.0)
         ids.append(best)
         weights.append(inside / inside.sum(axis=1, keepdims=True))
     return ControlPoints(np.asarray(tets)[np.concatenate(ids)], np.concatenate(weights))
 
 
-def of_large_parts(points, radius: float):
-    """Which points [N, 3] belong to a part of some size.  [N] bool
+def of_large_clusters(points, radius: float):
+    """Which points [N, 3] belong to a cluster of some size.  [N] bool
 
-    Points nearer than the radius are of one part.  A small one is a speck in the air, which a
+    Points nearer than the radius are of one cluster.  A small one is a speck in the air, which a
     white background hides in white.
     """
     points = np.asarray(points, float)
-    near = np.concatenate([part < radius**2 for part in squared_distances(points, points)])
-    parts = np.zeros(len(points), int)  # 0: not yet known
-    while not parts.all():
-        part = np.zeros(len(points), bool)
-        edge = np.array([int(parts.argmin())])
+    near = np.concatenate([some < radius**2 for some in squared_distances(points, points)])
+    clusters = np.zeros(len(points), int)  # 0: not yet known
+    while not clusters.all():
+        cluster = np.zeros(len(points), bool)
+        edge = np.array([int(clusters.argmin())])
         while len(edge):
-            part[edge] = True
-            edge = np.flatnonzero(near[edge].any(axis=0) & ~part)
-        parts[part] = parts.max() + 1
-    sizes = np.bincount(parts)[parts]
+            cluster[edge] = True
+            edge = np.flatnonzero(near[edge].any(axis=0) & ~cluster)
+        clusters[cluster] = clusters.max() + 1
+    sizes = np.bincount(clusters)[clusters]
     if sizes.max() < SPARSE * len(points):  # the points are too few to tell
         return np.ones(len(points), bool)
     return sizes >= SPECK * len(points)
@@ -125,6 +125,6 @@ def of_large_parts(points, radius: float):
 
 def placed(surface, rest_vertices, tets, size: float) -> ControlPoints:
     """Control points that are spread over points of the surface [N, 3].  `size`: the object's."""
-    surface = np.asarray(surface)[of_large_parts(surface, 0.5 * SPACING * size)]
+    surface = np.asarray(surface)[of_large_clusters(surface, 0.5 * SPACING * size)]
     chosen = spread(surface, SPACING * size, MOST_POINTS)
     return located(surface[chosen], rest_vertices, tets)

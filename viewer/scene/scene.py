@@ -155,7 +155,7 @@ class Scene:
         ball = self.ball
         if self.paused:
             self.posing.follow()
-        for remaining in range(count, 0, -1):  # each tick takes its part of the way
+        for remaining in range(count, 0, -1):  # each tick takes its share of the way
             if not self.paused:
                 self.handles.follow(1.0 / remaining)
                 self.posing.follow(1.0 / remaining)
@@ -293,7 +293,7 @@ class Scene:
 
     @edit("hold", undo="hold")
     def hold(self, held: bool) -> None:
-        """Pin the lowest part of the object where it is, or let all of it float."""
+        """Pin the lowest vertices of the object where it is, or let all of it float."""
         self.timeline.stop()
         self.solver.set_pinned((self.pins | self.solver.pinned) & held)
         self.handles.patches[:] = 0

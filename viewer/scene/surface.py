@@ -67,7 +67,7 @@ def bounds(points):
 def nearest_vertices(points, vertices):
     """The id of the vertex [V, 3] that is nearest to each of the points [N, 3].  [N]"""
     points, vertices = np.asarray(points, float), np.asarray(vertices, float)
-    return np.concatenate([part.argmin(axis=1) for part in squared_distances(points, vertices)])
+    return np.concatenate([some.argmin(axis=1) for some in squared_distances(points, vertices)])
 
 
 def of_the_object(rest, tets):

@@ -144,13 +144,13 @@ class Patience:
     """Tells the user how long work will take, and asks whether to go on if that is LONG."""
 
     def __init__(self, what: str, total: int):
-        """Take a name for the work, and the number of its parts."""
+        """Take a name for the work, and the number of its ticks."""
         self.what, self.total = what, total
         self.agreed = False  # to what takes long
         self._since = self._told = time.perf_counter()
 
     def left(self, done: int) -> float | None:
-        """Seconds until all parts are done, as the first ones say; None before that is known."""
+        """Seconds until all ticks are done, as the first ones say; None before that is known."""
         passed = time.perf_counter() - self._since
         if passed < SURE_SECONDS or not done:
             return None

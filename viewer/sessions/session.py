@@ -66,8 +66,8 @@ class Session:
 
 def mesh_hash(mesh) -> str:
     """A number for the shape of a mesh at rest: SHA-256, hexadecimal."""
-    parts = mesh.rest_vertices.astype("<f4"), mesh.tets.astype("<i4")
-    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+    arrays = mesh.rest_vertices.astype("<f4"), mesh.tets.astype("<i4")
+    return hashlib.sha256(b"".join(one.tobytes() for one in arrays)).hexdigest()
 
 
 def factor_hash(factors) -> str:

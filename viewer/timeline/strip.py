@@ -9,7 +9,7 @@ from .keys import LONGEST, key_at
 
 TICKS_PER_SECOND = 60
 SHORTEST = 5 * TICKS_PER_SECOND  # that is shown
-ROOM = 1.2  # behind the last key, and the playhead, there is room for another one
+BEYOND = 1.2  # behind the last key, and the playhead, there is space for another one
 STEPS = 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0, 120.0  # s between two numbers
 NARROWEST = 46.0  # the way between two numbers
 REACH = 8.0  # from the middle of a key, where the mouse has it
@@ -40,7 +40,7 @@ class TimeScale:
 
 def shown_ticks(timeline) -> int:
     """So many that all keys and the playhead are seen."""
-    return min(max(SHORTEST, round(ROOM * max(timeline.end, timeline.head))), LONGEST)
+    return min(max(SHORTEST, round(BEYOND * max(timeline.end, timeline.head))), LONGEST)
 
 
 def key_near(keys, scale: TimeScale, place: float) -> int | None:

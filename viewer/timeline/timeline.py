@@ -61,7 +61,7 @@ class Timeline:
 
     @property
     def _is_soft(self):
-        """Whether bones move a part of the object, and the solver the rest, at this tick."""
+        """Whether bones move some of the object, and the solver the rest, at this tick."""
         return self._scene.posing.soft and self.bones_at(self.head) is not None
 
     def orbit_at(self, tick: float) -> Orbit:
@@ -147,10 +147,10 @@ class Timeline:
         if orbit is None:
             raise ValueError("there is no camera to turn")
         orbit = changed(Orbit(), orbit)
-        part = max(round(ticks / TURN_KEYS), 1)  # a whole number, so that all are equally fast
+        step = max(round(ticks / TURN_KEYS), 1)  # a whole number, so that all are equally fast
         turn = (
             k.CameraKey(
-                n * part, turned_to(orbit, orbit.yaw + 2.0 * np.pi * n / TURN_KEYS), "linear"
+                n * step, turned_to(orbit, orbit.yaw + 2.0 * np.pi * n / TURN_KEYS), "linear"
             )
             for n in range(TURN_KEYS + 1)
         )

@@ -10,7 +10,7 @@ contradicts these.  A match is as far from its epipolar lines as Sampson's dista
 for its places x, y at depth 1, the mean focal length f, and the second camera's rotation R and
 shift t from the first.
 
-Only strong pairs are asked.  Parts of a wallpaper that look alike are matched as well, and such
+Only strong pairs are asked.  Places of a wallpaper that look alike are matched as well, and such
 pairs contradict cameras that are right; but they share less than neighbors do.
 """
 

@@ -139,7 +139,7 @@ def watched(path: Path, advance):
 
 
 def chosen_frames(sharpness, way, count: int) -> list[int]:
-    """The sharpest frame of each of `count` equal parts of the way, by number.
+    """The sharpest frame of each of `count` equal stretches of the way, by number.
 
     Args:
         sharpness: Of each frame.  [n]
@@ -150,8 +150,8 @@ def chosen_frames(sharpness, way, count: int) -> list[int]:
     if way[-1] <= 0.0:  # nothing moves
         way = np.arange(len(way), dtype=float)
     bounds = np.searchsorted(way, np.linspace(0.0, way[-1], count + 1)[1:-1])
-    parts = [(a, b) for a, b in pairwise([0, *bounds.tolist(), len(way)]) if a < b]
-    return [a + int(np.argmax(sharpness[a:b])) for a, b in parts]
+    stretches = [(a, b) for a, b in pairwise([0, *bounds.tolist(), len(way)]) if a < b]
+    return [a + int(np.argmax(sharpness[a:b])) for a, b in stretches]
 
 
 def write_frames(path: Path, chosen, folder: Path, image_size: int, advance):

@@ -77,14 +77,14 @@ def export_mesh(
 def ply_bytes(mesh: TetMesh, colors=None, preview: EmbeddedSurface | None = None) -> bytes:
     """Binary PLY, little endian."""
     faces, _ = boundary_faces(mesh.tets, tet_neighbours(mesh.tets))
-    parts = [_vertices(mesh, colors), _lists("face", faces), _edges(edges(mesh.tets))]
-    parts += [_lists("tet", mesh.tets)]
+    elements = [_vertices(mesh, colors), _lists("face", faces), _edges(edges(mesh.tets))]
+    elements += [_lists("tet", mesh.tets)]
     if preview is not None:
-        parts += [_preview(mesh, preview), _lists("preview_face", preview.faces)]
+        elements += [_preview(mesh, preview), _lists("preview_face", preview.faces)]
     header = ["ply", "format binary_little_endian 1.0"]
     header += ["comment deformrf coarse mesh, model space, z up"]
-    header += [line for lines, _ in parts for line in lines] + ["end_header", ""]
-    return "\n".join(header).encode("ascii") + b"".join(rows.tobytes() for _, rows in parts)
+    header += [line for lines, _ in elements for line in lines] + ["end_header", ""]
+    return "\n".join(header).encode("ascii") + b"".join(rows.tobytes() for _, rows in elements)
 
 
 def _vertices(mesh, colors):

@@ -32,7 +32,7 @@ from .laplacian import laplacian, pulled_at, solved, solved_as_shares
 FIT = 300.0
 SPACING = 0.34  # of samples, in mean edges of the mesh
 MOST_SAMPLES = 200_000
-MOST_PARTS = 16  # of a triangle's side
+MOST_DIVISIONS = 16  # of a triangle's side
 INSIDE = -1e-9  # barycentric coordinates of a point in a tet are not below
 
 
@@ -128,12 +128,12 @@ def surface_samples(
     crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = 0.5 * np.linalg.norm(crossed, axis=1)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(longest / (SPACING * edge)), 1, MOST_PARTS).astype(int)
-    while (parts**2).sum() > MOST_SAMPLES and parts.max() > 1:
-        parts = np.maximum(1, parts // 2)
+    divisions = np.clip(np.ceil(longest / (SPACING * edge)), 1, MOST_DIVISIONS).astype(int)
+    while (divisions**2).sum() > MOST_SAMPLES and divisions.max() > 1:
+        divisions = np.maximum(1, divisions // 2)
     places, shares, weights = [], [], []
-    for count in np.unique(parts):
-        chosen = parts == count
+    for count in np.unique(divisions):
+        chosen = divisions == count
         inner = _middles(count)  # [n², 3]
         places.append(np.einsum("kc,mci->mki", inner, corners[chosen]).reshape(-1, 3))
         shares.append(np.repeat(areas[chosen] / count**2, count**2))
@@ -143,7 +143,7 @@ def surface_samples(
 
 
 def _middles(count: int):
-    """Barycentric coordinates of the middles of a triangle's count² equal parts."""
+    """Barycentric coordinates of the middles of a triangle's count² equal triangles."""
     rows = []
     for i in range(count):
         for j in range(count - i):

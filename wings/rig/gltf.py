@@ -115,8 +115,8 @@ class _Map:
         """The values of a channel."""
         if interpolation != "CUBICSPLINE":
             return self.values(path, keys)
-        parts = [self.values(path, keys[:, i], tangents=i != 1) for i in range(3)]
-        return np.stack(parts, axis=1)
+        columns = [self.values(path, keys[:, i], tangents=i != 1) for i in range(3)]
+        return np.stack(columns, axis=1)
 
 
 def _read(gltf: Gltf) -> GltfRig:

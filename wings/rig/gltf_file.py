@@ -1,7 +1,7 @@
-"""The bytes of a glTF 2.0 file: its JSON as parts, its numbers with checked sizes.
+"""The bytes of a glTF 2.0 file: its JSON as objects, its numbers with checked sizes.
 
 A file is read without trust.  Buffers have to be inside it (a .glb, or a .gltf with embedded
-data): no other file and no address is ever opened for it.  What many parts share is decoded once,
+data): no other file and no address is ever opened for it.  What many objects share is decoded once,
 and all together has a limit that is compared with what the file declares, before memory is taken.
 """
 
@@ -41,16 +41,16 @@ class JsonObject:
 
 
 class Gltf:
-    """A glTF file: its parts, and the numbers of its accessors.
+    """A glTF file: its objects, and the numbers of its accessors.
 
     Attributes:
-        parts: The root of the JSON; its LISTS are lists of parts.  Other values are not checked.
+        root: That of the JSON; its LISTS are lists of objects.  Other values are not checked.
     """
 
     def __init__(self, path: Path):
         check(path.is_file(), f"there is no file at {path}")
         self._path, self._blob = path, None
-        self.root = _parts(self._text())
+        self.root = _root(self._text())
         version = str(getattr(self.root.asset, "version", None))
         check(version.startswith("2."), f"it is glTF {version[:10]}, this program reads 2.0")
         for name in self.root.extensionsRequired or ():
@@ -86,11 +86,11 @@ class Gltf:
         check(is_count(count), f"{what} are {str(count)[:20]}, which is no number of values")
         return count
 
-    def at(self, parts, index, kind: str, what: str):
-        """The part of that number; ValueError if there is none."""
-        good = is_count(index) and index < len(parts)
-        check(good, f"{what} are in {kind} {str(index)[:20]}, of {len(parts)}")
-        return parts[index]
+    def at(self, objects, index, kind: str, what: str):
+        """The object of that number; ValueError if there is none."""
+        good = is_count(index) and index < len(objects)
+        check(good, f"{what} are in {kind} {str(index)[:20]}, of {len(objects)}")
+        return objects[index]
 
     def _decoded(self, accessor: JsonObject, width: int, what: str) -> np.ndarray:
         dtype, count, sparse = np.dtype(COMPONENTS[accessor.componentType]), accessor.count, None
@@ -142,10 +142,10 @@ class Gltf:
             f"with {what} it has more than {MOST_NUMBERS} numbers; export fewer parts or clips",
         )
 
-    def _stored(self, part: JsonObject, dtype, count: int, width: int, what: str) -> np.ndarray:
-        """The numbers that a part's buffer view holds.  [count, width]"""
-        view = self.at(self.root.bufferViews, part.bufferView, "buffer view", what)
-        start, size = part.byteOffset or 0, width * dtype.itemsize
+    def _stored(self, owner: JsonObject, dtype, count: int, width: int, what: str) -> np.ndarray:
+        """The numbers that an object's buffer view holds.  [count, width]"""
+        view = self.at(self.root.bufferViews, owner.bufferView, "buffer view", what)
+        start, size = owner.byteOffset or 0, width * dtype.itemsize
         stride, first, length = view.byteStride or size, view.byteOffset or 0, view.byteLength
         good = all(map(is_count, (start, stride, first, length)))
         needed = start + (count - 1) * stride + size if good and count else 0
@@ -235,22 +235,22 @@ class _InFile:
         return data
 
 
-def _parts(text: bytes) -> JsonObject:
+def _root(text: bytes) -> JsonObject:
     """The root of the JSON."""
     good = json_values(text) <= MOST_VALUES
     check(good, f"its JSON has more than {MOST_VALUES} values; export less")
     try:
-        with no_garbage_collected():  # which would go through all parts again and again
+        with no_garbage_collected():  # which would go through all objects again and again
             root = json.loads(text.decode("utf-8-sig"), object_hook=JsonObject)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"its JSON can't be read ({one_line(error, 100)})") from None
     check(isinstance(root, JsonObject), "it holds no glTF")
     for name in LISTS:
-        parts = getattr(root, name)
-        parts = [] if parts is None else parts
-        good = isinstance(parts, list) and all(isinstance(part, JsonObject) for part in parts)
+        objects = getattr(root, name)
+        objects = [] if objects is None else objects
+        good = isinstance(objects, list) and all(isinstance(one, JsonObject) for one in objects)
         check(good, f"its {name} are no list")
-        setattr(root, name, parts)
+        setattr(root, name, objects)
     return root
 
 

@@ -48,15 +48,15 @@ class Placed:
 
 
 def read_nodes(gltf: Gltf) -> Nodes:
-    parts = gltf.root.nodes
-    check(0 < len(parts) <= MOST_NODES, f"it has {len(parts)} nodes, not 1 to {MOST_NODES}")
-    parents = [-1] * len(parts)
-    for number, node in enumerate(parts):
+    nodes = gltf.root.nodes
+    check(0 < len(nodes) <= MOST_NODES, f"it has {len(nodes)} nodes, not 1 to {MOST_NODES}")
+    parents = [-1] * len(nodes)
+    for number, node in enumerate(nodes):
         for child in node.children or ():
-            gltf.at(parts, child, "node", f"children of node {number}")
+            gltf.at(nodes, child, "node", f"children of node {number}")
             check(parents[child] < 0, f"node {child} has two parents")
             parents[child] = number
-    names = [printable_name(node.name, f"bone {i}") for i, node in enumerate(parts)]
+    names = [printable_name(node.name, f"bone {i}") for i, node in enumerate(nodes)]
     return Nodes(parents, names, parents_first(names, parents))  # a cycle ends there
 
 
@@ -83,20 +83,20 @@ def placed(gltf: Gltf, nodes: Nodes, bones: list[int]) -> Placed:
 
 def _values(gltf: Gltf, used: list[int]) -> dict[str, np.ndarray]:
     """Translations, rotations and scales; those of nodes that are not used are none."""
-    parts = gltf.root.nodes
-    values = {path: np.zeros((len(parts), 4 if path == "rotation" else 3)) for path in PATHS}
+    nodes = gltf.root.nodes
+    values = {path: np.zeros((len(nodes), 4 if path == "rotation" else 3)) for path in PATHS}
     values["rotation"][:, 3], values["scale"][:] = 1.0, 1.0
     for node in used:
         for path in PATHS:
-            given = getattr(parts[node], path)
+            given = getattr(nodes[node], path)
             if given is not None:
                 row, given = values[path][node], np.array(given, float)
                 good = given.shape == row.shape
                 check(good, f"the {path} of node {node} is no {row.size} numbers")
                 row[:] = given
-    fixed = [node for node in used if parts[node].matrix is not None]
+    fixed = [node for node in used if nodes[node].matrix is not None]
     if fixed:
-        matrices = np.array([parts[node].matrix for node in fixed], float).reshape(-1, 4, 4)
+        matrices = np.array([nodes[node].matrix for node in fixed], float).reshape(-1, 4, 4)
         matrices = np.swapaxes(matrices, 1, 2)
         scales = scales_of(matrices, lambda i: f"the matrix of node {fixed[i]}")
         turns = matrices[:, :3, :3] / scales[:, None, None]

@@ -21,11 +21,11 @@ def chosen_skin(gltf: Gltf):
     Returns:
         The skin, its meshes, each once, and a list of sentences.
     """
-    parts, found, sizes = gltf.root, {}, {}
-    for node in parts.nodes:
+    root, found, sizes = gltf.root, {}, {}
+    for node in root.nodes:
         if node.skin is not None and node.mesh is not None:
-            gltf.at(parts.skins, node.skin, "skin", "bones")
-            mesh = gltf.at(parts.meshes, node.mesh, "mesh", "points")
+            gltf.at(root.skins, node.skin, "skin", "bones")
+            mesh = gltf.at(root.meshes, node.mesh, "mesh", "points")
             found.setdefault(node.skin, {})[node.mesh] = mesh
             if node.mesh not in sizes:
                 counts = (gltf.count(p.attributes.POSITION, "points") for p in solid(mesh))
@@ -36,13 +36,13 @@ def chosen_skin(gltf: Gltf):
     check(points[best] <= MOST_POINTS, f"its skin has {points[best]} points; simplify it")
     notes = []
     if len(found) > 1:
-        name = str(parts.skins[best].name or f"number {best}")[:60]
+        name = str(root.skins[best].name or f"number {best}")[:60]
         notes.append(
             f"It has {len(found)} skins: {name}, with the most points ({points[best]}), is taken, "
             "and the others are left out; join their meshes to bind them all."
         )
     notes += _shape_notes(gltf, best, found[best])
-    return parts.skins[best], list(found[best].values()), notes
+    return root.skins[best], list(found[best].values()), notes
 
 
 def solid(mesh: JsonObject) -> list[JsonObject]:
@@ -76,14 +76,14 @@ def surface(gltf: Gltf, meshes):
     check(count <= MOST_PRIMITIVES, f"its skin has {count} meshes or materials; join them")
     corners = sum(gltf.count(p.indices, "triangles") for p in primitives if p.indices is not None)
     check(corners <= 3 * MOST_TRIANGLES, f"its skin has {corners // 3} triangles; simplify it")
-    parts = [_primitive(gltf, primitive) for primitive in primitives]
-    check(parts, "its skinned mesh has no triangles")
-    width = max(part[2].shape[1] for part in parts)
-    starts = np.cumsum([0] + [len(part[0]) for part in parts])
-    points = np.concatenate([part[0] for part in parts])
-    triangles = np.concatenate([p[1] + s for p, s in zip(parts, starts, strict=False)])
+    found = [_primitive(gltf, primitive) for primitive in primitives]
+    check(found, "its skinned mesh has no triangles")
+    width = max(one[2].shape[1] for one in found)
+    starts = np.cumsum([0] + [len(one[0]) for one in found])
+    points = np.concatenate([one[0] for one in found])
+    triangles = np.concatenate([p[1] + s for p, s in zip(found, starts, strict=False)])
     joints, weights = (
-        np.concatenate([np.pad(p[i], ((0, 0), (0, width - p[i].shape[1]))) for p in parts])
+        np.concatenate([np.pad(p[i], ((0, 0), (0, width - p[i].shape[1]))) for p in found])
         for i in (2, 3)
     )
     check(np.abs(points).max() <= 1e6, "its points are farther than 1e6 from the origin")

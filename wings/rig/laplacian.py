@@ -82,12 +82,12 @@ def pulled_at(operator: Laplacian, corners, shares, strength) -> Laplacian:
     keys = keys * count + operator.ends
     conductances, degrees = operator.conductances, operator.degrees
     for i, j in np.ndindex(4, 4):
-        parts = strength * shares[:, i] * shares[:, j]
+        added = strength * shares[:, i] * shares[:, j]
         if i == j:
-            degrees = degrees + np.bincount(corners[:, i], parts, count)
+            degrees = degrees + np.bincount(corners[:, i], added, count)
         else:
             place = np.searchsorted(keys, corners[:, i].astype(np.int64) * count + corners[:, j])
-            conductances = conductances - np.bincount(place, parts, len(keys))
+            conductances = conductances - np.bincount(place, added, len(keys))
     return replace(operator, conductances=conductances, degrees=degrees)
 
 

@@ -20,7 +20,7 @@ class Rig:
     """What poses the vertices of one model.
 
     Raises:
-        ValueError: The parts don't fit each other; one sentence.
+        ValueError: These don't fit each other; one sentence.
     """
 
     skeleton: Skeleton

@@ -134,8 +134,8 @@ def largest_weights(weights):
     return order.astype(np.uint16), np.take_along_axis(weights, order, 1).astype(np.float32)
 
 
-def _joined(parts) -> np.ndarray:
-    return np.concatenate([np.ravel(p) for p in parts] or [[]]).astype(np.float64)
+def _joined(arrays) -> np.ndarray:
+    return np.concatenate([np.ravel(a) for a in arrays] or [[]]).astype(np.float64)
 
 
 def _clips(arrays, entries, vertex_count) -> tuple[Clip | VertexClip, ...]:

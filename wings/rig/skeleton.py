@@ -18,7 +18,7 @@ from . import rotations
 
 MOST_BONES = 1024
 LONGEST_NAME = 100  # characters
-RIGID = 1e-4  # how far the rotation part of a rest frame may be from orthogonal
+RIGID = 1e-4  # how far the rotation of a rest frame may be from orthogonal
 FARTHEST = 1e6  # of a head or tail from the origin
 JOINED = 1e-6  # a head so near to its parent's tail is the same joint [model units]
 

@@ -1,7 +1,7 @@
 """The pose nearest to a skinned one in which no tet is inverted.
 
 Skinning folds what lies in a sharp bend, and weights alone can't prevent it: where two bones
-fold onto each other, a coarse tet between them has no room.  With F_t(v) the deformation
+fold onto each other, a coarse tet between them has no space.  With F_t(v) the deformation
 gradient of tet t, V_t its rest volume, d_i the Laplacian's diagonal and x the skinned vertices,
 
     minimize  Σ_t V_t |F_t(v) − P(F_t(v))|² + a Σ_i d_i |v_i − x_i|²

@@ -247,10 +247,10 @@ def _nearest(places, points):
     ids, distances = [], []
     squares = np.sum(points * points, axis=1)
     for first in range(0, len(places), rows):
-        part = places[first : first + rows]
-        closest = (squares - 2.0 * part @ points.T).argmin(axis=1)
+        some = places[first : first + rows]
+        closest = (squares - 2.0 * some @ points.T).argmin(axis=1)
         ids.append(closest)
-        distances.append(np.linalg.norm(part - points[closest], axis=1))
+        distances.append(np.linalg.norm(some - points[closest], axis=1))
     return np.concatenate(ids), np.concatenate(distances)
 
 

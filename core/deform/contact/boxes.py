@@ -14,7 +14,7 @@ from ..arrays import VertexArrays
 wp.set_module_options({"enable_backward": False})
 
 FAR = 1e30
-OUT, ASLEEP, AWAKE = 0, 1, 2  # takes no part; collides with what is awake; collides
+OUT, ASLEEP, AWAKE = 0, 1, 2  # left out; collides with what is awake; collides
 
 
 @wp.struct

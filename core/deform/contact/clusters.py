@@ -21,7 +21,7 @@ from ...geometry import components
 TETS_PER_CLUSTER = 16
 TETS_PER_LEAF = 8
 MOST_CLUSTERS = 128
-MOST_COMPONENTS = 64  # smaller components than these take no part in contact
+MOST_COMPONENTS = 64  # smaller components than these are left out of contact
 INSIDE = 0.05  # a point is inside a tet at rest if all its barycentric coordinates are larger
 
 
@@ -46,7 +46,7 @@ def make_clusters(rest_vertices, tets, margin) -> Clusters:
     component = components(len(rest_vertices), tets)[tets[:, 0]]
     middles = rest_vertices[tets].mean(axis=1)
     groups = _split(middles, component)
-    groups = [part for group in groups for part in _connected(tets, group)]
+    groups = [ids for group in groups for ids in _connected(tets, group)]
     corners = [np.unique(tets[group]) for group in groups]
     lower = np.array([rest_vertices[ids].min(axis=0) for ids in corners])
     upper = np.array([rest_vertices[ids].max(axis=0) for ids in corners])
@@ -89,7 +89,7 @@ def _leaves(middles, ids):
 
 
 def _connected(tets, group):
-    """The parts of a group that share vertices: a group may span a gap."""
+    """The tets of a group that share vertices, together: a group may span a gap."""
     used, corners = np.unique(tets[group], return_inverse=True)
     labels = components(len(used), corners.reshape(-1, 4))[corners.reshape(-1, 4)[:, 0]]
     return [group[labels == label] for label in np.unique(labels)]

@@ -30,7 +30,7 @@ NOTHING = np.empty(0, np.int64)
 
 
 class Contact:
-    """Finds where parts of a mesh touch.
+    """Finds where a mesh touches itself.
 
     Attributes:
         arrays: ContactArrays with the contacts of this frame; None before the first search.
@@ -69,7 +69,7 @@ class Contact:
         """List the contacts of the next dt seconds.
 
         Args:
-            awake, out: Which components are worked on, and which take no part.  2 × [P] bool
+            awake, out: Which components are worked on, and which are left out.  2 × [P] bool
 
         Returns:
             The components that touch something.  [N]

@@ -31,7 +31,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 120, 4000  # frames between trials
 
 @wp.struct
 class CpuScratch:
-    """Arrays of a frame besides FrameArrays; E and T are the rooms for edges and tets."""
+    """Arrays of a frame besides FrameArrays; E and T are the spaces for edges and tets."""
 
     bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses, by slot
     previous: wp.array(dtype=wp.vec4)  # [V] what is kept of them in a substep, by slot
@@ -82,15 +82,15 @@ class CpuFrame:
         self._frame.contacts = contacts
         self._launches.clear()
 
-    def run(self, substep_count: int, *parts: int) -> None:
+    def run(self, substep_count: int, *facts: int) -> None:
         """Run one frame.
 
         Args:
-            parts: Whether there are volumes, springs, a ground and free parts, the number of
+            facts: Whether there are volumes, springs, a ground and free parts, the number of
                 colliders, and whether there are contacts.
         """
         thread_count = self._pace.thread_count
-        key = thread_count, substep_count, *parts
+        key = thread_count, substep_count, *facts
         if key not in self._launches:
             self._launches[key] = [
                 wp.launch(
@@ -118,9 +118,9 @@ class CpuFrame:
                     helper.result()
         self._pace.note((perf_counter() - start) / substep_count)
 
-    def _launch(self, part):
+    def _launch(self, launch):
         try:
-            part.launch()
+            launch.launch()
         except BaseException:
             self._arrivals[:] = EVERYONE
             raise

@@ -152,14 +152,14 @@ class CudaFrame:
         self._frame.contacts = contacts
         self._launches.clear()
 
-    def run(self, substep_count: int, *parts: int) -> None:
+    def run(self, substep_count: int, *facts: int) -> None:
         """Run one frame.
 
         Args:
-            parts: Whether there are volumes, springs, a ground and free parts, the number of
+            facts: Whether there are volumes, springs, a ground and free parts, the number of
                 colliders, and whether there are contacts.
         """
-        key = substep_count, *parts
+        key = substep_count, *facts
         if key not in self._launches:
             threads = BLOCK_THREADS if self._in_block else GRID_THREADS
             # A power of two, all of which run at once: they wait for each other.
@@ -168,7 +168,7 @@ class CudaFrame:
                 wp.launch(
                     begin_kernel,
                     max(len(self._frame.edges.ids), len(self._frame.volumes.ids)),
-                    [self._frame, self._scratch, int(parts[0]), int(self._in_block)],
+                    [self._frame, self._scratch, int(facts[0]), int(self._in_block)],
                     device=self._device,
                     record_cmd=True,
                 ),

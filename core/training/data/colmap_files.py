@@ -256,14 +256,14 @@ def lines_of(path) -> Iterator[tuple[int, bytes]]:
     """Number and beginning of each line that is no comment, without what ends it."""
     number, begins = 0, True
     with open(path, "rb") as stream:
-        while part := stream.readline(LONGEST_LINE):
-            check(b"\0" not in part, "is not a text file (UTF-8)")
+        while piece := stream.readline(LONGEST_LINE):
+            check(b"\0" not in piece, "is not a text file (UTF-8)")
             if begins:
                 number += 1
-                part_of_line = part.removeprefix(b"\xef\xbb\xbf") if number == 1 else part
-                if not part_of_line.lstrip().startswith(b"#"):
-                    yield number, part_of_line.rstrip(b"\r\n")
-            begins = part.endswith(b"\n")
+                text = piece.removeprefix(b"\xef\xbb\xbf") if number == 1 else piece
+                if not text.lstrip().startswith(b"#"):
+                    yield number, text.rstrip(b"\r\n")
+            begins = piece.endswith(b"\n")
 
 
 def fields_of(number, line, count, form):

@@ -114,13 +114,13 @@ def _parts(name, form=_folded):
     """The folders of a name and what stands behind them, in a form; the latter may be empty."""
     if name[:7].casefold() == "file://":
         name = unquote(name[7:])
-    parts = []
-    for part in name.replace("\\", "/").split("/"):
-        if part == "..":
-            parts = parts[:-1]
-        elif part not in ("", ".") and not DRIVE.match(part):
-            parts.append(form(part))
-    return tuple(parts[:-1][-DEEPEST:]), parts[-1] if parts else ""
+    names = []
+    for one in name.replace("\\", "/").split("/"):
+        if one == "..":
+            names = names[:-1]
+        elif one not in ("", ".") and not DRIVE.match(one):
+            names.append(form(one))
+    return tuple(names[:-1][-DEEPEST:]), names[-1] if names else ""
 
 
 def _divided(name):
@@ -131,7 +131,7 @@ def _divided(name):
 
 def _means(dirs):
     """The splits and the kinds of images that folders are called after."""
-    kinds = {kind for kind in KINDS if any(kind in part for part in dirs)}
+    kinds = {kind for kind in KINDS if any(kind in name for name in dirs)}
     return kinds | (SPLITS & {*dirs})
 
 

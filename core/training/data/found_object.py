@@ -44,7 +44,7 @@ BELOW, AS_GOOD = 0.3, 0.05  # attention below a plane, where the object is, over
 FOOTPRINT = 80.0  # percent of the object's points that lie over its footprint
 FEWEST_POINTS = 40  # of an object
 OUTLIERS = 0.3  # percent of its points at each side of the box
-MARGIN = 0.12  # around them: thin parts are missing among points [the box's longest side]
+MARGIN = 0.12  # around them: what is thin is missing among points [the box's longest side]
 GROUND_THICKNESS = 0.008  # to each side [model units]
 SAME_TILT, GROUND_SHARE = 0.985, 0.15  # cosine to the guess; of the points near it
 
@@ -220,13 +220,13 @@ def carries(plane: Plane, ground, points) -> bool:
     return len(ground) > 0 and extent(ground) > extent(points)
 
 
-def over_footprint(plane: Plane, chosen, points, weights, *parts):
-    """The attention of each part of the points [n] where the object's `chosen` [m, 3] lie."""
+def over_footprint(plane: Plane, chosen, points, weights, *groups):
+    """The attention of each group of the points [n] where the object's `chosen` [m, 3] lie."""
     flat = flattened(plane, chosen)
     center = np.median(flat, axis=0)
     radius = np.percentile(np.linalg.norm(flat - center, axis=1), FOOTPRINT)
     is_over = np.linalg.norm(flattened(plane, points) - center, axis=1) < radius
-    return [weights[part & is_over].sum() for part in parts]
+    return [weights[group & is_over].sum() for group in groups]
 
 
 def flattened(plane: Plane, points):

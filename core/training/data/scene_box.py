@@ -1,4 +1,4 @@
-"""Choose the part of the world that becomes the unit cube, in which the tets are.
+"""Choose the region of the world that becomes the unit cube, in which the tets are.
 
 The object's box is the first of these that exists: the user's (`--aabb`, or `--scene-radius` around
 the data's origin); the data set's (NSVF's bbox.txt); the one found in photographs with surroundings
@@ -46,7 +46,7 @@ def world_to_unit_cube(
 
 
 def object_box(world_to_model, aabb=None):
-    """The object's box in model space: the unit cube, or the part of it that `aabb` is.  [2, 3]"""
+    """The object's box in model space: the unit cube, or what of it `aabb` is.  [2, 3]"""
     if aabb is None:
         return np.array([[0.0] * 3, [1.0] * 3])
     corners = np.reshape(aabb, (2, 3))

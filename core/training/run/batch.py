@@ -68,7 +68,7 @@ def ray_basis_kernel(
 
 
 class Batch:
-    """R rays and room for their samples.
+    """R rays and space for their samples.
 
     Attributes:
         samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
@@ -87,7 +87,7 @@ class Batch:
     """
 
     def __init__(self, ray_count: int, capacity: int | None, device, first_ray=0, harmonics=True):
-        """`capacity` None makes room for what each march finds, and waits for the device.
+        """`capacity` None makes space for what each march finds, and waits for the device.
 
         `first_ray` is the number of ray 0, see Drawn.  With one color a ray, samples need no
         `harmonics`: see `ray_basis`.
@@ -128,7 +128,7 @@ class Batch:
         self.mask = None
         self._harmonics, self.basis = harmonics, None
         if capacity is not None:
-            self._make_room(capacity)
+            self._make_space(capacity)
 
     @property
     def ray_count(self) -> int:
@@ -154,16 +154,16 @@ class Batch:
         self._march(inputs, COUNT, empty_samples(0, self.device))
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
-            self._make_room(int(self.ends[self.ray_count - 1 :].numpy()[0]))
-        room = len(self.samples.tet)
+            self._make_space(int(self.ends[self.ray_count - 1 :].numpy()[0]))
+        capacity = len(self.samples.tet)
         self._launch(
             fit_kernel,
             self.ray_count,
-            [self.ends, self._rays.tet, room],
+            [self.ends, self._rays.tet, capacity],
             [self.counts, self._fits, self.sample_count],
         )
         self._march(inputs, WRITE, self.samples)
-        self._launch(mark_unused_kernel, room, [self.sample_count], [self.samples.tet])
+        self._launch(mark_unused_kernel, capacity, [self.sample_count], [self.samples.tet])
         if not self._harmonics:
             return
         if not view_dependence:
@@ -194,7 +194,7 @@ class Batch:
         return basis
 
     def pixels_tried(self):
-        """How many pixels were drawn for the rays that have a part in the step.  torch []"""
+        """How many pixels were drawn for the rays that the step learns from.  torch []"""
         return (self.fits * self.tries).sum()
 
     def _march(self, inputs, purpose, samples):
@@ -202,7 +202,7 @@ class Batch:
         inputs = [*inputs, purpose, self.drawn.limits, self.ends, samples, self.counts]
         self._launch(passes.march_pass_kernel, self.ray_count, inputs, [])
 
-    def _make_room(self, capacity):
+    def _make_space(self, capacity):
         self.samples = empty_samples(capacity, self.device)
         for array in (self.samples.bary, self.samples.length, self.samples.t):
             array.zero_()  # the networks read unused places too

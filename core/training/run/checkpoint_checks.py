@@ -103,7 +103,7 @@ def check_pickle(content: bytes) -> None:
 
 
 def is_made(name: str) -> bool:
-    """Whether it is a function or type, as "module name", that makes a part of a checkpoint."""
+    """Whether it is a function or type, as "module name", that makes something of a checkpoint."""
     return name in MADE or (name.startswith("torch ") and name.endswith("Storage"))
 
 

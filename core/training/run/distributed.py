@@ -51,21 +51,21 @@ class Workers:
             dist.all_reduce(tensor, dist.ReduceOp.MAX)
 
     def padded(self, count: int) -> int:
-        """The next number of rows that can be cut into equal parts, one for each worker."""
+        """The next number of rows that can be cut into equal shares, one for each worker."""
         return -(-count // self.count) * self.count
 
-    def part_of(self, rows):
-        """This worker's part of that many rows: a view."""
+    def share_of(self, rows):
+        """This worker's share of that many rows: a view."""
         size = len(rows) // self.count
         return rows[self.rank * size : (self.rank + 1) * size]
 
-    def sum_parts_(self, rows):
-        """Sum over the workers, in place, each its own part; the other parts are undefined."""
-        reduce_scatter(self.part_of(rows), rows)
+    def sum_shares_(self, rows):
+        """Sum over the workers, in place, each its own share; the other shares are undefined."""
+        reduce_scatter(self.share_of(rows), rows)
 
-    def gather_parts_(self, rows):
-        """Fill in the other workers' parts, in place."""
-        all_gather(rows, self.part_of(rows))
+    def gather_shares_(self, rows):
+        """Fill in the other workers' shares, in place."""
+        all_gather(rows, self.share_of(rows))
 
     def broadcast_(self, tensor):
         """Make it the first worker's, in place."""
@@ -74,7 +74,7 @@ class Workers:
             dist.broadcast(tensor.view(torch.uint8) if tensor.dtype == torch.bool else tensor, 0)
 
     def gather(self, mine, count: int):
-        """All workers' parts of `count` values, in order; `mine` are those of `share(count)`."""
+        """All workers' shares of `count` values, in order; `mine` are those of `share(count)`."""
         if self.count == 1:
             return mine
         whole = mine.new_zeros(count)

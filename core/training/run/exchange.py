@@ -1,10 +1,10 @@
 """Exchange between the workers of a step: gradients before the update, weights after it.
 
-The table contains nearly all weights, so each worker updates one section of it:
+The table contains nearly all weights, so each worker updates one share of it:
 
-    reduce-scatter   sums all workers' table gradients; each worker receives its own section
+    reduce-scatter   sums all workers' table gradients; each worker receives its own share
     all-reduce       sums all other gradients and errors, and the numbers of pixels
-    all-gather       collects the updated sections of the table
+    all-gather       collects the updated shares of the table
 
 Every worker makes the same update of all other weights.
 
@@ -29,7 +29,7 @@ class Exchange:
     To capture NCCL in a CUDA graph would couple every recording of one process to the others.
 
     Attributes:
-        parameters: The parameters of this worker's optimizer, its part of the table first.
+        parameters: The parameters of this worker's optimizer, its share of the table first.
 
     Args:
         error: Mean squared error of the last step.  torch []
@@ -39,17 +39,17 @@ class Exchange:
         self.field, self.error, self.workers = field, error, field.workers
         kind = torch.float32 if field.half_rows is None else torch.bfloat16
         self._table_gradient = torch.zeros_like(field.rows, dtype=kind)
-        self._part = torch.nn.Parameter(self.workers.part_of(field.rows))  # the same memory
-        self._part_gradient = torch.zeros_like(self._part, requires_grad=False)
+        self._share = torch.nn.Parameter(self.workers.share_of(field.rows))  # the same memory
+        self._share_gradient = torch.zeros_like(self._share, requires_grad=False)
         self._others = field.parameters()[1:]
         self._side_stream = torch.cuda.Stream(error.device) if error.is_cuda else None
-        self.parameters = [self._part, *self._others]
+        self.parameters = [self._share, *self._others]
         # All other gradients, the error and the weight: this worker's, and of all workers.
         size = sum(parameter.numel() for parameter in self._others) + 2
         self._mine = self._sums = torch.zeros(size, device=error.device)
 
     def _split(self, sums):
-        """The parts of `_mine` or `_sums`: gradients, error, weight."""
+        """What `_mine` or `_sums` holds: gradients, error, weight."""
         sizes = [parameter.numel() for parameter in self._others]
         *gradients, error, weight = sums.split([*sizes, 1, 1])
         shaped = [g.view_as(p) for g, p in zip(gradients, self._others, strict=True)]
@@ -90,8 +90,8 @@ class Exchange:
 
         self.side_by_side(collect_others, collect_table)
 
-    def parts(self, optimizer) -> dict:
-        """The parts of an update after `collect`: name -> (function, whether a graph holds it)."""
+    def tasks(self, optimizer) -> dict:
+        """The tasks of an update after `collect`: name -> (function, whether a graph holds it)."""
         return {
             "reduce": (self.reduce, False),
             "update": (lambda: self.update(optimizer), True),
@@ -100,18 +100,18 @@ class Exchange:
 
     def reduce(self):
         """Sum over the workers."""
-        self.workers.sum_parts_(self._table_gradient)
+        self.workers.sum_shares_(self._table_gradient)
         self.workers.sum_(self._sums)
 
     @torch.no_grad()
     def update(self, optimizer):
-        """Update this worker's part of the table, and all other weights."""
+        """Update this worker's share of the table, and all other weights."""
         weight = self._spread()
-        torch.div(self.workers.part_of(self._table_gradient), weight, out=self._part_gradient)
-        self._part.grad = self._part_gradient
+        torch.div(self.workers.share_of(self._table_gradient), weight, out=self._share_gradient)
+        self._share.grad = self._share_gradient
         optimizer.step()
         if self.field.half_rows is not None:
-            self.workers.part_of(self.field.half_rows).copy_(self._part)
+            self.workers.share_of(self.field.half_rows).copy_(self._share)
 
     def _spread(self):
         """Make the means over all workers' pixels the error and the gradients of what all update.
@@ -134,21 +134,21 @@ class Exchange:
     def gather(self):
         """Make the table that the encoder reads whole."""
         rows = self.field.rows if self.field.half_rows is None else self.field.half_rows
-        self.workers.gather_parts_(rows)
+        self.workers.gather_shares_(rows)
 
     def make_whole(self):
         """Make the float32 table whole, for everything but the encoder; waits for all workers."""
-        self.workers.gather_parts_(self.field.rows)
+        self.workers.gather_shares_(self.field.rows)
 
-    def whole(self, part):
-        """The workers' parts of something with the table's rows; waits for them.  [n, F]"""
+    def whole(self, share):
+        """The workers' shares of something with the table's rows; waits for them.  [n, F]"""
         rows = torch.zeros_like(self.field.rows)
-        self.workers.part_of(rows).copy_(part)
-        self.workers.gather_parts_(rows)
+        self.workers.share_of(rows).copy_(share)
+        self.workers.gather_shares_(rows)
         return rows[: len(self.field.table)]
 
-    def part(self, whole):
-        """This worker's part of something with the table's rows."""
+    def share(self, whole):
+        """This worker's share of something with the table's rows."""
         rows = torch.zeros_like(self.field.rows)
         rows[: len(whole)] = whole
-        return self.workers.part_of(rows).clone()
+        return self.workers.share_of(rows).clone()

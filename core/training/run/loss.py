@@ -41,7 +41,7 @@ def training_loss(
 ):
     """The loss [] of a marched batch, to be differentiated, and its mean squared error [].
 
-    Rays whose samples didn't fit the batch, or that used their limit up too early, have no part in
+    Rays whose samples didn't fit the batch, or that used their limit up too early, are left out of
     them.  The means are over all pixels that were tried for the others, see Drawn.tries.
 
     Args:
@@ -91,5 +91,5 @@ def add_table_decay(gradient, field: TrainingField, weight: float):
     entries, offsets = field.entries(), field.layout.offsets
     level_count = field.layout.level_count
     for level in range(level_count):
-        part = slice(offsets[level], offsets[level + 1])
-        gradient[part].add_(entries[part], alpha=weight * 4.0 ** (level + 1 - level_count))
+        of_level = slice(offsets[level], offsets[level + 1])
+        gradient[of_level].add_(entries[of_level], alpha=weight * 4.0 ** (level + 1 - level_count))

@@ -84,7 +84,7 @@ class TrainingProgress:
 
 
 class History:
-    """The part of a run's history that one stage writes into the rows of the run so far."""
+    """What one stage writes of a run's history into the rows of the run so far."""
 
     def __init__(self, rows: list[dict], stage: int, step_count: int, clock: Callable[[], float]):
         self.rows, self.stage, self.clock = rows, stage, clock

@@ -38,13 +38,13 @@ FIRST_LOSS_SCALE = 2.0**10  # of checkpoints that tell none, and have no limits
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
-OCCUPANCY_PARTS = 4  # later it looks at every fourth
+OCCUPANCY_TURNS = 4  # later it looks at every fourth
 AVERAGED_SHARE = 0.2  # of the steps so far, over which the weights that are kept are averaged
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
-RAY_ROOM = 1.5  # times the rays of a step that graphs are recorded for, so that more fit later
-LEAST_USED = 0.25  # of that room; with fewer rays new graphs are recorded
-FILLED = 0.9  # share of a step's room for samples that the number of rays aims at
-SMALLEST_ROOM = 1 << 13  # samples a step; with fewer, training would take hours
+RAY_SPACE = 1.5  # times the rays of a step that graphs are recorded for, so that more fit later
+LEAST_USED = 0.25  # of that; with fewer rays new graphs are recorded
+FILLED = 0.9  # share of a step's space for samples that the number of rays aims at
+SMALLEST_SPACE = 1 << 13  # samples a step; with fewer, training would take hours
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
 RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
@@ -57,7 +57,7 @@ class Optimization:
         number: Steps done.
         error: Mean squared error of the last step.  torch [] on the device
         ray_count: Rays of a step, of all workers together.
-        samples_per_step: Room for their samples, of all workers together.
+        samples_per_step: Space for their samples, of all workers together.
 
     Args:
         has_alpha: Whether the images have alpha, and so a background of the step's choice.
@@ -131,7 +131,7 @@ class Optimization:
                 if self._recorded:
                     self._recorded.wait_until_prepared()  # marches have copied the occupancy
                 self.field.update_occupancy(
-                    1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_PARTS
+                    1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_TURNS
                 )
                 self._average_weights()
                 self._adapt_ray_count(self._examine(progress, task, note))
@@ -143,7 +143,7 @@ class Optimization:
             try:
                 self.step(rate, white)
             except ALLOCATION_ERRORS as error:
-                self._halve_room(progress, error)
+                self._halve_space(progress, error)
         if self._recorded:
             self._recorded.wait()  # the batches may be freed after this, and marches write to them
         self._examine(progress, task, note)
@@ -180,16 +180,16 @@ class Optimization:
         """Samples of the last step's rays, those left out too; waits for device and workers."""
         return self.workers.total(int(wp.to_torch(self.batch.ends)[-1]))
 
-    def set_ray_count(self, ray_count: int, room: int | None = None):
-        """Take that many rays a step; on CUDA the next one records graphs for `room` of them."""
+    def set_ray_count(self, ray_count: int, capacity: int | None = None):
+        """Take that many rays a step; on CUDA the next one records graphs for `capacity`."""
         device = self.field.device
         self._forget_batches()
-        samples, copies = None, 1  # the CPU makes room for what each march finds
+        samples, copies = None, 1  # the CPU makes space for what each march finds
         if device.is_cuda:
             samples = -(-self.samples_per_step // self.workers.count)
             copies = recorded_steps.AHEAD + 1
-        self._ray_room = room or ray_count
-        rays = self.workers.share(self._ray_room)
+        self._ray_capacity = capacity or ray_count
+        rays = self.workers.share(self._ray_capacity)
         size = len(rays), samples, device, rays.start, not self.field.options.deferred
         self._batches = [Batch(*size) for _ in range(copies)]
         if device.is_cuda:
@@ -237,20 +237,20 @@ class Optimization:
         self.optimizer.step()
         self._limits.keep(batch)
 
-    def _parts(self):
-        """The parts of learning from a batch: name -> (function, whether a graph holds it)."""
+    def _tasks(self):
+        """The tasks of learning from a batch: name -> (function, whether a graph holds it)."""
         if self._exchange is None:
             return {"learn": (self._learn, True)}
-        parts = {"learn": (self._backpropagate, True)}
-        for name, (function, records) in self._exchange.parts(self.optimizer).items():
-            parts[name] = (lambda _batch, function=function: function(), records)
-        return parts
+        tasks = {"learn": (self._backpropagate, True)}
+        for name, (function, records) in self._exchange.tasks(self.optimizer).items():
+            tasks[name] = (lambda _batch, function=function: function(), records)
+        return tasks
 
     def _draw_and_learn(self, batch, number):
         self._prepare(batch, number)
         self._march(batch)
-        for part, _ in self._parts().values():
-            part(batch)
+        for task, _ in self._tasks().values():
+            task(batch)
 
     def _record(self):
         """Record the step; the runs before the first recording update weights, too."""
@@ -259,7 +259,7 @@ class Optimization:
                 batch = self._batches[run % len(self._batches)]
                 self._draw_and_learn(batch, RECORDING_SEED + run)
             self._has_recorded = True
-        self._recorded = RecordedSteps(self.field.device, self._batches, self._march, self._parts())
+        self._recorded = RecordedSteps(self.field.device, self._batches, self._march, self._tasks())
 
     def _examine(self, progress, task, note) -> int:
         """Show, note and judge the last step's error; return the number of its samples."""
@@ -288,10 +288,10 @@ class Optimization:
         # Surroundings are evaluated for rays that are not in use as well.
         if self._recorded is None or self.field.surroundings:
             self.set_ray_count(ray_count)
-        elif LEAST_USED * self._ray_room <= ray_count <= self._ray_room:
+        elif LEAST_USED * self._ray_capacity <= ray_count <= self._ray_capacity:
             self.ray_count = ray_count  # of the batches that are marched from now on
         else:
-            self.set_ray_count(ray_count, int(RAY_ROOM * ray_count))
+            self.set_ray_count(ray_count, int(RAY_SPACE * ray_count))
 
     @torch.no_grad()
     def _average_weights(self):
@@ -305,8 +305,8 @@ class Optimization:
         """The averages of the field's parameters, or None; waits for all workers."""
         if self._average is None or self._exchange is None:
             return self._average
-        part, *others = self._average
-        return [self._exchange.whole(part), *others]
+        share, *others = self._average
+        return [self._exchange.whole(share), *others]
 
     @contextmanager
     def averaged(self):
@@ -319,16 +319,16 @@ class Optimization:
         finally:
             self.field.set_weights(raw)
 
-    def _halve_room(self, progress, error):
+    def _halve_space(self, progress, error):
         """Go on with half the samples a step, if `error` is a lack of memory."""
-        room = halved(error, self.samples_per_step, SMALLEST_ROOM, "samples a step", self.workers)
-        self.samples_per_step = room
+        count = halved(error, self.samples_per_step, SMALLEST_SPACE, "samples a step", self.workers)
+        self.samples_per_step = count
         ray_count = max(FEWEST_RAYS, self.ray_count // 2)
         self._forget_batches()
         give_memory_back(self.field.device)
         self.set_ray_count(ray_count)
         name = memory_name(error)
-        progress.say(f"The {name} is too small; going on with {room} samples a step.")
+        progress.say(f"The {name} is too small; going on with {count} samples a step.")
 
     def state(self) -> dict:
         """The state to resume from with any number of workers; waits for all of them."""
@@ -364,7 +364,7 @@ class Optimization:
         step = state["step"]
         moments = step["optimizer"]
         if self._exchange and moments:
-            moments = {**moments, 0: self._map_moments(moments[0], self._exchange.part)}
+            moments = {**moments, 0: self._map_moments(moments[0], self._exchange.share)}
         limits = state.get("limits")
         scale = step.get("loss_scale", FIRST_LOSS_SCALE if limits is None else LOSS_SCALE)
         self.optimizer.load(moments, LOSS_SCALE / checked_scale(scale))
@@ -377,15 +377,15 @@ class Optimization:
             device = self.field.torch_device
             self._average = [weights.to(device) for weights in state["average"]]
             if self._exchange:
-                self._average[0] = self._exchange.part(self._average[0])
+                self._average[0] = self._exchange.share(self._average[0])
 
 
-def next_ray_count(ray_count, sample_count, room):
-    """The number of rays whose samples fill the room without overflowing it.
+def next_ray_count(ray_count, sample_count, capacity):
+    """The number of rays whose samples fill the capacity without overflowing it.
 
-    It stays while the room is 80 to 100 % full: CUDA graphs may have to be recorded again.
+    It stays while the capacity is 80 to 100 % full: CUDA graphs may have to be recorded again.
     """
-    filled = sample_count / room
+    filled = sample_count / capacity
     if 0.8 <= filled <= 1.0:
         return ray_count
     wanted = ray_count * np.clip(FILLED / max(filled, 1e-6), 0.25, 4.0)

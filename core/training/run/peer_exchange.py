@@ -1,13 +1,13 @@
 """Exchange between GPUs of one host that read and write each other's memory.
 
 Collectives send gradients, wait, update, send weights, and wait again.  Here one kernel does all
-of this for a worker's section of the table: it reads the gradients from the memory of all workers,
+of this for a worker's share of the table: it reads the gradients from the memory of all workers,
 makes Adam's update (Kingma and Ba 2015), and writes the new values into the tables of all
 workers.  So transfers between GPUs overlap with accesses to each GPU's own memory.
 
     barrier          all workers have written their gradients, and none reads the table any more
-    update           each worker updates its section of the table, and all other weights
-    barrier          all workers have written their sections
+    update           each worker updates its share of the table, and all other weights
+    barrier          all workers have written their shares
 
 A worker rounds its gradient to bfloat16 once, and the sums are float32.
 """
@@ -153,7 +153,7 @@ class PeerExchange(Exchange):
             for tensors in (self._gradients, self._tables, self._sums_of_all)
         ]
 
-    def parts(self, optimizer) -> dict:
+    def tasks(self, optimizer) -> dict:
         return {"exchange": (lambda: self._exchange(optimizer), True)}
 
     def _exchange(self, optimizer):
@@ -163,10 +163,10 @@ class PeerExchange(Exchange):
 
     @torch.no_grad()
     def update(self, optimizer):
-        state = optimizer.state[self._part]
+        state = optimizer.state[self._share]
         if not state:
             state["step"] = torch.zeros((), device=self.error.device)
-            state["exp_avg"] = torch.zeros_like(self._part, requires_grad=False)
+            state["exp_avg"] = torch.zeros_like(self._share, requires_grad=False)
             state["exp_avg_sq"] = torch.zeros_like(state["exp_avg"])
         gradients, tables, sums_of_all = self._addresses
         step = wp.from_torch(state["step"].view(1))
@@ -180,19 +180,19 @@ class PeerExchange(Exchange):
 
         def update_others():
             self._hand_out()
-            optimizer.step()  # the part of the table has no gradient
+            optimizer.step()  # the share of the table has no gradient
 
         def update_table():
             group = optimizer.param_groups[0]
             rate = torch.as_tensor(group["lr"], device=self.error.device).view(1)
-            vectors = (state["exp_avg"], state["exp_avg_sq"], self._part.detach())
+            vectors = (state["exp_avg"], state["exp_avg_sq"], self._share.detach())
             wp.launch(
                 update_table_kernel,
-                dim=len(self._part),
+                dim=len(self._share),
                 inputs=[
                     gradients,
                     wp.from_torch(self._sums[-1:]),
-                    self.workers.rank * len(self._part),
+                    self.workers.rank * len(self._share),
                     wp.from_torch(rate),
                     step,
                     *optimizer.betas,

@@ -24,13 +24,13 @@ class RecordedSteps:
     """Replays the steps of a ring of batches.
 
     Attributes:
-        learn: For each batch, the parts of the update from it: name -> function to call.
+        learn: For each batch, the tasks of the update from it: name -> function to call.
 
     Args:
         device: A CUDA Warp device, whose current stream is torch's too.
         batches: AHEAD + 1 of them; step n has batch n % (AHEAD + 1).
         march: Called with a batch, recorded.
-        parts: The parts of the update, in order: name -> (function of a batch, whether to
+        tasks: The tasks of the update, in order: name -> (function of a batch, whether to
             record it).
     """
 
@@ -39,7 +39,7 @@ class RecordedSteps:
         device,
         batches: list[Batch],
         march: Callable[[Batch], None],
-        parts: dict[str, tuple[Callable[[Batch], None], bool]],
+        tasks: dict[str, tuple[Callable[[Batch], None], bool]],
     ):
         self._batches = batches
         self._main = wp.stream_to_torch(wp.get_stream(device))
@@ -52,7 +52,7 @@ class RecordedSteps:
                 graph = recorded(device, march, batch)
                 self._march.append(graph)
                 learn = {}
-                for name, (function, records) in parts.items():
+                for name, (function, records) in tasks.items():
                     if records:
                         # Graphs of learning share one pool: no two of them run at the same time.
                         graph = recorded(device, function, batch, pool)
@@ -76,8 +76,8 @@ class RecordedSteps:
                 self._march_ahead(coming, prepare)
         self._main.wait_stream(self._streams[number % ahead])
         self._march_ahead(number + ahead, prepare)
-        for part in self.learn[number % len(self._batches)].values():
-            part()
+        for task in self.learn[number % len(self._batches)].values():
+            task()
         self._next = number + 1
 
     def _march_ahead(self, number, prepare):

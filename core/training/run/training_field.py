@@ -126,7 +126,7 @@ class TrainingField:
         self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
         self.mask = wp.from_torch(self._mask_bits, dtype=wp.uint64)
         self.refresh_mask()
-        self._part = 0  # the part of the sub-tets that is measured next
+        self._turn = 0  # which of the sub-tets are measured next
         self._chunk = UPDATE_CHUNK
         self._generator = torch.Generator(device=self.torch_device).manual_seed(seed)
         corners = torch.from_numpy(subtet_corners().astype(np.float32))
@@ -190,10 +190,10 @@ class TrainingField:
         )
 
     @torch.no_grad()
-    def update_occupancy(self, parts=1):
-        """Measure the thickness of one sub-tet in `parts`, in turn; then renew the mask."""
-        every = slice(self._part % parts, None, parts)
-        self._part += 1
+    def update_occupancy(self, turns=1):
+        """Measure the thickness of one sub-tet in `turns`, in turn; then renew the mask."""
+        every = slice(self._turn % turns, None, turns)
+        self._turn += 1
         flat = self.thickness.view(-1)
         cells = torch.arange(len(flat), device=self.torch_device)[every]
 
@@ -204,7 +204,7 @@ class TrainingField:
         found = within_memory(
             measure, self._chunk, SMALLEST_CHUNK, "sub-tets at once", self.workers, self.device
         )
-        self.thickness *= OCCUPANCY_DECAY ** (1.0 / parts)
+        self.thickness *= OCCUPANCY_DECAY ** (1.0 / turns)
         # Weights that became infinite are given up soon after, and so is their occupancy.
         flat[every] = torch.maximum(flat[every], found.nan_to_num(0.0, 0.0))
         threshold = self.thickness.mean().clamp(EMPTY_THICKNESS, OCCUPIED_THICKNESS)
@@ -239,7 +239,7 @@ class TrainingField:
     def hide_unseen(self, looks: Callable[[int], Iterable[Batch]], smallest_weight: float):
         """Mask sub-tets in which no ray has a sample of at least that weight.
 
-        What no camera ever saw, above all the inside of opaque parts, stays hidden in
+        What no camera ever saw, above all the inside of what is opaque, stays hidden in
         every pose, because optical depth is measured in rest space.
 
         Args:
@@ -313,7 +313,7 @@ class TrainingField:
             "thickness": self.thickness,
             "occupied": self.occupied,
             "hidden": self.hidden,
-            "part": self._part,
+            "part": self._turn,
             "generator": self._generator.get_state(),
         }
 
@@ -323,7 +323,7 @@ class TrainingField:
         self.set_weights(state["parameters"])
         for name in ("thickness", "occupied", "hidden"):
             getattr(self, name).copy_(state[name])
-        self._part = state["part"]
+        self._turn = state["part"]
         self._generator.set_state(state["generator"].cpu())
         self.refresh_mask()
 

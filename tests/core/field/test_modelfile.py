@@ -378,7 +378,7 @@ def test_every_documented_key_of_the_training_entry_has_a_type():
     table = text.split("### `training`")[1].split("\n## ")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
     documented = {key for row in rows for key in re.findall("`(.*?)`", row)}
-    assert documented == modelfile.TRAINING_TYPES.keys()
+    assert documented == modelfile.TRAINING.keys()
 
 
 def test_older_programs_can_read_the_options_that_are_written(path):

@@ -170,7 +170,7 @@ def test_room_for_the_ground_is_behind_the_plane_only(stands, axis, side):
     found = FoundBox(box, stands)
     assert FoundBox.of_report(found.as_report()).plane.height(box[side]) == pytest.approx(0.0)
     assert found.plane.height(box.mean(axis=0)) > 0.0
-    outward = found.room - box
+    outward = found.space - box
     assert outward[side, axis] == pytest.approx(-1.0 if side == 0 else 1.0)
     outward[side, axis] = 0.0
     assert not outward.any()

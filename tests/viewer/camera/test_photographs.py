@@ -160,7 +160,7 @@ def test_render_and_photograph_share_what_panels_leave_free():
     assert over == (panel, (650.0, 250.0), (350.0, 250.0), 300.0)
     both = p.places((2000, 1200), panel, 2.0, "beside")
     assert both.covered == Covered(300.0, 0.0, 350.0, 100.0)  # points
-    assert (both.axis, both.room, both.left) == ((1650.0, 500.0), (350.0, 500.0), 1300.0)
+    assert (both.axis, both.half_size, both.left) == ((1650.0, 500.0), (350.0, 500.0), 1300.0)
     little = p.places((1000, 600), Covered(right=500.0), 1.0, "beside")
     assert little.covered == Covered(right=500.0) and little.axis == (750.0, 300.0)
 

@@ -78,11 +78,11 @@ def test_an_odd_size_loses_one_row_and_column(tmp_path):
 def test_until_it_is_closed_the_clip_has_another_name(tmp_path):
     video = v.VideoWriter(tmp_path / "a.mp4", (64, 48), 30)
     video.push(gray(0))
-    assert video.part.name.startswith(".a-") and video.part.name.endswith(".part.mp4")
+    assert video.partial.name.startswith(".a-") and video.partial.name.endswith(".part.mp4")
     assert not (tmp_path / "a.mp4").exists()
     video.close()
     assert (tmp_path / "a.mp4").exists()
-    assert not video.part.exists()
+    assert not video.partial.exists()
 
 
 def test_live_a_slow_picture_is_repeated_and_a_quick_one_left_out(tmp_path):

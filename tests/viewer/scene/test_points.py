@@ -8,7 +8,7 @@ from deformrf.viewer.scene.points import (
     SPACING,
     ControlPoints,
     located,
-    of_large_parts,
+    of_large_clusters,
     placed,
     spread,
 )
@@ -53,9 +53,9 @@ def test_a_speck_in_the_air_gets_no_point_and_few_points_lose_none():
     random = np.random.default_rng()
     surface = random.uniform(0, 1, (2000, 3)) * [1.0, 1.0, 0.0]
     speck = np.array([[0.5, 0.5, 0.6], [0.5, 0.5, 0.61]])
-    kept = of_large_parts(np.concatenate([surface, speck]), 0.06)
+    kept = of_large_clusters(np.concatenate([surface, speck]), 0.06)
     assert kept[:-2].mean() > 0.99 and not kept[-2:].any()
-    assert of_large_parts(surface[:4], 0.06).all()
+    assert of_large_clusters(surface[:4], 0.06).all()
 
 
 def test_rows_of_a_session_have_every_digit(ball):

@@ -86,7 +86,7 @@ def gradients(run):
         found["own"] = found["all"][0]
         return found
     found["own"] = exchange._table_gradient[:count].float() / batch.pixels_tried() / LOSS_SCALE
-    for function, _ in exchange.parts(run.optimizer).values():
+    for function, _ in exchange.tasks(run.optimizer).values():
         function()
     part, *others = exchange.parameters
     table = exchange.whole(run.optimizer.state[part]["exp_avg"]) / (1.0 - BETAS[0])
