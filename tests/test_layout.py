@@ -83,9 +83,7 @@ SLOW = {
     "markdown_it",
 }  # imported when used: --help has to answer at once
 FUNCTION_LINES_MAX = 60
-SAME_NAMES = {  # of classes, for now: of the lab and another room
-    *("Way", "ImageError", "Timing", "Solid", "Part", "Drag", "Body", "Picture", "Photograph"),
-}
+SAME_NAMES = {"Pieces"}  # of classes, for now: of the definition and of rays with overlaps
 TWICE = {  # files with equal lines of logic, for now
     ("core/field/networks/reference.py", "core/field/networks/reference.py"),
     ("core/field/networks/triton_kernels.py", "core/field/networks/triton_kernels.py"),

@@ -13,7 +13,7 @@ from PIL import Image
 
 from ..field import load
 from .image import render_rays
-from .solver import Body, edge_constraints, inverse_masses, substep, volume_constraints
+from .solver import System, edge_constraints, inverse_masses, substep, volume_constraints
 
 SHEAR, BULK, DENSITY, DAMPING = 1e6 / 2.7, 0.4 / 0.3 * 1e6 / 2.7, 1000.0, 3.0  # E = 1 MPa, ν = 0.35
 SUBSTEPS = 24 * 60  # a second
@@ -34,12 +34,12 @@ def dragged(field, vertex, offset):
     edges = edge_constraints(rest, tets, SHEAR, w, h)
     volumes = volume_constraints(rest, tets, BULK, w, h)
     fastest = 20.0 * np.ptp(rest, axis=0).max()
-    body = Body(w, edges, volumes, h, np.exp(-DAMPING * h), np.zeros(3), fastest)
+    system = System(w, edges, volumes, h, np.exp(-DAMPING * h), np.zeros(3), fastest)
     x, v, targets = rest, np.zeros_like(rest), rest.copy()
     for step in range(1, 2 * SUBSTEPS + 1):
         out = min(step / SUBSTEPS, 1.0)
         targets[vertex] = rest[vertex] + out * out * (3.0 - 2.0 * out) * offset
-        x, v = substep(body, x, v, targets)
+        x, v = substep(system, x, v, targets)
         tell("dragging", step, 2 * SUBSTEPS)
     return x
 

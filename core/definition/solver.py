@@ -57,7 +57,7 @@ class Constraints:
 
 
 @dataclass(frozen=True)
-class Body:
+class System:
     """All that a substep needs besides positions and velocities."""
 
     inverse_masses: np.ndarray  # [V] w
@@ -70,17 +70,17 @@ class Body:
     friction: float = 0.0  # Coulomb's coefficient, in contacts
 
 
-def substep(body: Body, x, v, targets, contacts: Contacts | None = None):
+def substep(system: System, x, v, targets, contacts: Contacts | None = None):
     """x and v after a substep.  Vertices of w = 0 are at their targets [V, 3] then."""
-    w, before = body.inverse_masses, x
-    v = body.decay * v + body.substep * body.gravity
-    x = predict(x, v, w, targets, body.substep, body.speed_limit)
-    x = project_edges(x, w, body.edges)
-    if body.volumes is not None:
-        x = project_volumes(x, w, body.volumes)
+    w, before = system.inverse_masses, x
+    v = system.decay * v + system.substep * system.gravity
+    x = predict(x, v, w, targets, system.substep, system.speed_limit)
+    x = project_edges(x, w, system.edges)
+    if system.volumes is not None:
+        x = project_volumes(x, w, system.volumes)
     if contacts is not None:
-        x, before = push_apart(contacts, x, before, w, body.substep, body.friction)
-    return x, (x - before) / body.substep
+        x, before = push_apart(contacts, x, before, w, system.substep, system.friction)
+    return x, (x - before) / system.substep
 
 
 def predict(x, v, w, targets, h, speed_limit):

@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from .colliders import COLLIDER_SIZE, MOST_COLLIDERS
-from .constraints import NO_SPRING, Constraints
+from .constraints import NO_SPRING, ColoredConstraints
 from .halves import SECTIONS
 from .xpbd_options import Timing
 
@@ -151,7 +151,9 @@ class ConstraintList:
         arrays: ConstraintArrays with space for all constraints.
     """
 
-    def __init__(self, constraints: Constraints, vertex_count, device, by_class=False, halves=None):
+    def __init__(
+        self, constraints: ColoredConstraints, vertex_count, device, by_class=False, halves=None
+    ):
         """Use all constraints.
 
         Args:

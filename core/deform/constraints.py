@@ -51,7 +51,7 @@ UNLIMITED = 3e38  # a longest move that no spring reaches
 
 
 @dataclass(frozen=True)
-class Constraints:
+class ColoredConstraints:
     """All constraints of one type, C of them with n vertices each, sorted by color."""
 
     vertices: np.ndarray  # [C, n] int32; the corners of a tet are in positive order
@@ -86,7 +86,7 @@ class Constraints:
 
 
 @dataclass(frozen=True)
-class EdgeConstraints(Constraints):
+class EdgeConstraints(ColoredConstraints):
     """Every edge and every brace once."""
 
     volumes: np.ndarray  # [E] V_e, a sixth of the volume of the tets around the edge
@@ -98,7 +98,7 @@ class EdgeConstraints(Constraints):
 
 
 @dataclass(frozen=True)
-class VolumeConstraints(Constraints):
+class VolumeConstraints(ColoredConstraints):
     """Every tet that has a volume."""
 
     shares: np.ndarray  # [T] K_t over the material's K (locking.py)

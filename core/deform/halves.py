@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .constraints import Constraints
+from .constraints import ColoredConstraints
 
 FEWEST_TETS, MOST_TETS = 5000, 50_000  # of a mesh that is cut; below, one thread is faster
 MOST_SHARED = 0.15  # of the vertices; with more, one thread is as fast
@@ -44,14 +44,14 @@ class Halves(NamedTuple):
         sections = np.where(self.second, 3 - self.shared, self.shared)
         return np.append(0, np.cumsum(np.bincount(sections, minlength=SECTIONS)))
 
-    def sections(self, constraints: Constraints):
+    def sections(self, constraints: ColoredConstraints):
         """The section of each constraint; one that joins the halves is in either.  [C] int"""
         second = self.second[constraints.vertices[:, 0]]
         near = self.shared[constraints.vertices].any(axis=1)
         return np.where(second, 3 - near, near)
 
 
-def cut(rest_vertices, *lists: Constraints) -> Halves | None:
+def cut(rest_vertices, *lists: ColoredConstraints) -> Halves | None:
     """The halves of a mesh with these edges and tets; None if it is not cut.
 
     The cut goes through the middle of the edges across x, y or z, wherever it meets the fewest.

@@ -18,7 +18,7 @@ FIRST_WITH_CONTACTS = 10
 
 def test_300_substeps_are_those_of_before():
     g = GOLDEN
-    body = solver.Body(
+    system = solver.System(
         inverse_masses=g["inverse_masses"],
         edges=solver.Constraints(g["edges"], g["lengths"], g["edge_a"], g["edge_offsets"]),
         volumes=solver.Constraints(g["tets"], g["volumes"], g["volume_a"], g["volume_offsets"]),
@@ -36,7 +36,7 @@ def test_300_substeps_are_those_of_before():
         begin, contacts = x, touching if frame >= FIRST_WITH_CONTACTS else None
         for step in range(1, SUBSTEPS + 1):
             path = begin + step / SUBSTEPS * (targets - begin)
-            x, v = solver.substep(body, x, v, path, contacts)
+            x, v = solver.substep(system, x, v, path, contacts)
         np.testing.assert_allclose(x, g["expected_x"][frame], rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(v, g["expected_v"][frame], rtol=0.0, atol=1e-12 / H)
 
