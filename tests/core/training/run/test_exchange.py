@@ -93,13 +93,13 @@ def test_the_table_is_updated_as_by_adam_with_the_mean_gradient(pair):
     rounding = 3 * 2**-9 * largest
     bounds = {"exp_avg": rounding, "exp_avg_sq": 2 * largest * rounding}
     for (name, bound), beta in zip(bounds.items(), BETAS, strict=True):
-        states = [optimizer.state[one._part] for one, optimizer in zip(pair, ours, strict=True)]
+        states = [optimizer.state[one._share] for one, optimizer in zip(pair, ours, strict=True)]
         moments = torch.cat([state[name] for state in states])[: len(reference)]
         bound *= 1.0 - beta**3
         assert (moments - adam.state[reference][name]).abs().max() < bound < moments.max() / 10
-    table = torch.cat([one._part.detach() for one in pair])[: len(reference)]
+    table = torch.cat([one._share.detach() for one in pair])[: len(reference)]
     assert ((table - reference).abs() < 0.05 * RATE).float().mean() > 0.98
-    assert ours[0].state[pair[0]._part]["step"] == 3
+    assert ours[0].state[pair[0]._share]["step"] == 3
 
 
 def test_each_worker_updates_its_part_of_the_table(pair):
@@ -124,7 +124,7 @@ def test_peers_write_their_part_where_the_others_read_it(pair):
     collected(pair)
     for one, optimizer in zip(pair, optimizers(pair), strict=True):
         one.update(optimizer)
-    whole = torch.cat([one._part.detach() for one in pair]).half()
+    whole = torch.cat([one._share.detach() for one in pair]).half()
     for one in pair:
         assert torch.equal(one.field.half_rows, whole)
 
