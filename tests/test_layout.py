@@ -4,6 +4,7 @@ import ast
 import importlib
 import re
 import subprocess
+import symtable
 import sys
 import tomllib
 from itertools import chain
@@ -156,6 +157,27 @@ def test_rooms_are_entered_by_their_doors(path):
         door = door_before(target) if is_within(target, "deformrf") else None
         if door not in (None, target) and not is_within(here, door):
             raise AssertionError(f"{here} imports {target}: {door} should have the name")
+
+
+def has_name(module, name):
+    """Whether deformrf.a.b defines or imports a name, or is a folder with a module of it."""
+    path = ROOT.joinpath(*module.split(".")[1:])
+    files = path.with_suffix(".py"), path / "__init__.pyi", path / "__init__.py"
+    file = next((file for file in files if file.exists()), None)
+    if file is None or is_module(f"{module}.{name}"):
+        return file is not None
+    table = symtable.symtable(file.read_text(encoding="utf-8"), str(file), "exec")
+    known = {s.get_name() for s in table.get_symbols() if s.is_assigned() or s.is_imported()}
+    return name in known
+
+
+@pytest.mark.parametrize("path", [p for p in TESTS if "benchmarks" in p.parts], ids=module_name)
+def test_benchmarks_import_what_exists(path):
+    """Nothing that they import from the package has moved.  They are read, not run."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and is_within(node.module, "deformrf"):
+            for name in (alias.name for alias in node.names):
+                assert has_name(node.module, name), f"{path.name}: {node.module} has no {name}"
 
 
 @pytest.mark.parametrize("package", [m for m in map(module_name, SOURCES) if "__init__" in m])

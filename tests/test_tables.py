@@ -19,17 +19,3 @@ def test_every_stored_result_is_shown_and_says_what_measured_it():
         assert path.stem in shown, f"{path.name} stands in no page"
         result = json.loads(path.read_text(encoding="utf-8"))
         assert result["date"] and result["commit"], path.name
-
-
-def test_a_changed_number_is_written():
-    page = "a\n<!-- table quality -->\nold\n<!-- end -->\nb\n"
-    made = tables.with_tables(page)
-    assert made.startswith("a\n<!-- table quality -->\n| data | ") and made.endswith("end -->\nb\n")
-    assert "old" not in made and tables.with_tables(made) == made
-
-
-def test_numbers_have_their_columns_format():
-    made = tables.markdown(
-        ["name", {"name": "x", "format": ",.1f"}], [["a", -1234.56], ["b", None]]
-    )
-    assert made.splitlines()[2:] == ["| a | −1,234.6 |", "| b |  |"]

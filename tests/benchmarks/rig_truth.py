@@ -21,7 +21,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-from deformed_truth import measure, score
 from PIL import Image
 
 from deformrf.commands.rig_bind import BindArguments, bound
@@ -32,6 +31,7 @@ from deformrf.core.field import modelfile
 from deformrf.core.geometry import signed_volumes
 from deformrf.core.render import Camera, Renderer, in_space
 from deformrf.core.training import load_dataset, white_composite
+from deformrf.core.training.metrics import psnr
 from deformrf.wings import rig as rigs
 
 WEIGHTS = ("harmonic", "nearest", "rigid", "automatic")
@@ -53,6 +53,24 @@ def tet_quality(mesh, vertices):
     rest = signed_volumes(mesh.rest_vertices, mesh.tets)
     ratios = signed_volumes(np.asarray(vertices, float), mesh.tets) / rest
     return ratios.min(), int((ratios <= 0.0).sum())
+
+
+def score(rendered, truth):
+    """IoU, alpha PSNR and color PSNR of one view.  uint8 [H, W, 4] both"""
+    alpha, true_alpha = rendered[..., 3] / 255.0, truth[..., 3] / 255.0
+    inside, truly_inside = alpha >= 0.5, true_alpha >= 0.5
+    iou = (inside & truly_inside).sum() / (inside | truly_inside).sum()
+    color, true_color = rendered[..., :3] / 255.0, white_composite(truth)
+    return iou, psnr(alpha, true_alpha), psnr(color, true_color)
+
+
+def measure(renderer, dataset):
+    """Mean scores over the views of a data set."""
+    poses = in_space(dataset.poses, renderer.field.world_to_model)
+    cameras = map(Camera, poses, dataset.lenses)
+    rendered = (renderer.render(camera).color_array() for camera in cameras)
+    images = map(dataset.image, range(len(poses)))
+    return np.mean([score(*pair) for pair in zip(rendered, images, strict=True)], axis=0)
 
 
 class Truth:
@@ -140,7 +158,7 @@ def main():
     if arguments.pictures:
         arguments.pictures.mkdir(parents=True, exist_ok=True)
     truth = Truth(arguments)
-    iou, alpha, color, _ = truth.rest
+    iou, alpha, color = truth.rest
     print(f"rest pose: IoU {iou:.4f}, alpha {alpha:.2f} dB, color {color:.2f} dB")
     print(f"{'':46}" + "".join(f"{heading:>10}" for heading in HEADINGS))
     for kind in arguments.weights:
@@ -152,7 +170,7 @@ def main():
                 for clip in truth.clips:
                     label = f"{kind}, {method}, {way}: {clip}"
                     scores, ratio, count = truth.score(clip, getattr(poser, way), label)
-                    found, alpha, color, _ = scores
+                    found, alpha, color = scores
                     cells = f"{found:10.4f}{found - iou:+10.4f}{alpha:10.2f}{color:10.2f}"
                     print(f"{label:46}{cells}{ratio:10.3f}{count:10d}", flush=True)
 

@@ -130,6 +130,13 @@ def test_a_still_body_in_another_shape_stays_awake(monkeypatch, found):
     assert solver.settled
 
 
+@pytest.mark.parametrize("number", range(3), ids=["ball", "neck", "two parts"])
+def test_random_use_ends_at_rest(number, device):
+    """No number is lost meanwhile; `make random-use` does so for a million frames."""
+    seed = int(np.random.default_rng().integers(2**32))
+    assert Session(list(bodies())[number], seed, device).run() is None, f"seed {seed}"
+
+
 @pytest.mark.parametrize("number", [155, 677])
 def test_a_body_that_random_use_folded_over_its_hinge_returns(number):
     """It was stuck 64 % of its size away, on the machine that found it."""

@@ -22,6 +22,20 @@ from deformrf.core.geometry import (
     path_nodes,
 )
 
+# C of DeformRF's supplement: coordinates in child k from those in its parent.
+PUBLISHED = np.array(
+    [
+        [[1, -1, -1, -1], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 2]],
+        [[-1, 1, -1, -1], [0, 0, 2, 0], [2, 0, 0, 0], [0, 0, 0, 2]],
+        [[-1, -1, 1, -1], [2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 0, 2]],
+        [[-1, -1, -1, 1], [2, 0, 0, 0], [0, 0, 2, 0], [0, 2, 0, 0]],
+        [[1, 1, -1, -1], [0, 0, 2, 0], [1, -1, -1, 1], [-1, 1, 1, 1]],
+        [[1, 1, -1, -1], [1, -1, 1, 1], [0, 0, 0, 2], [-1, 1, 1, -1]],
+        [[-1, -1, 1, 1], [1, 1, 1, -1], [0, 2, 0, 0], [1, -1, -1, 1]],
+        [[-1, -1, 1, 1], [2, 0, 0, 0], [-1, 1, 1, -1], [1, 1, -1, 1]],
+    ]
+)
+
 
 def random_alpha(count):
     """Points spread evenly over a tetrahedron.  [count, 4]"""
@@ -47,6 +61,11 @@ def test_a_point_keeps_its_place(levels):
         k, child_alpha = descend(child_alpha)
         vertices = vertices @ PARENT_FROM_CHILD[k]
     np.testing.assert_allclose(np.einsum("nij,nj->ni", vertices, child_alpha), alpha, atol=1e-12)
+
+
+def test_the_supplement_has_the_same_children_with_other_orders_of_corners():
+    for ours, published in zip(PARENT_FROM_CHILD, np.linalg.inv(PUBLISHED), strict=True):
+        assert {*map(tuple, ours.T)} == {*map(tuple, published.T.round(12))}
 
 
 def test_descendants_fall_into_three_shapes_at_most():

@@ -5,12 +5,7 @@ the shape functions λ_i (2 λ_i − 1) and 4 λ_i λ_j.  With Lamé's constants
 
     K_ab = ∫ λ ∂_i N_a ∂_j N_b + μ ∂_j N_a ∂_i N_b + μ δ_ij ∇N_a · ∇N_b,   M_ab = ρ ∫ N_a N_b
 
-A node is held if it is a held vertex or lies between two held nodes, so a finer mesh has the
-same body and holds the same of it: the tets, faces and edges whose corners are all held.
-
-A coarse system is solved by Cholesky factors.  Subdivided tets (eight each) have the nodes of
-the coarser mesh as their vertices; their system is solved by conjugate gradients, preconditioned
-by its diagonal and the solution of the coarser one.
+A node is held if it is a held vertex or lies between two held nodes.
 
 Units: SI.  Shapes: V vertices, N nodes, T tets.
 """
@@ -23,22 +18,13 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import LinearOperator, cg
 
-from deformrf.core.definition.subdivision import CHILD_VERTICES
 from deformrf.core.geometry import EDGES, signed_volumes
 
 CHUNK = 4096  # tets whose matrices are made at once
 # Quadrature that is exact for quadratic functions: four points of equal weight.
 NEAR, FAR = (5.0 + 3.0 * math.sqrt(5.0)) / 20.0, (5.0 - math.sqrt(5.0)) / 20.0
 POINTS = np.full((4, 4), FAR) + (NEAR - FAR) * np.eye(4)
-# Bey's order mirrors some children; two corners change places there.
-CHILDREN = np.where(
-    (np.linalg.det(np.eye(4)[CHILD_VERTICES].mean(axis=2)) < 0)[:, None, None],
-    CHILD_VERTICES[:, [0, 1, 3, 2]],
-    CHILD_VERTICES,
-)  # [8, 4, 2]
-TOLERANCE = 1e-7  # of the residual, where conjugate gradients end
 
 
 def reference_mass():
@@ -59,7 +45,6 @@ class QuadraticTets:
 
     nodes: np.ndarray  # [N, 3] m
     tets: np.ndarray  # [T, 10] corners, then the middles of EDGES
-    parents: np.ndarray  # [N, 2] the vertices that a node is between; a vertex twice itself
     held: np.ndarray  # [N] bool
 
     @property
@@ -107,36 +92,6 @@ class QuadraticTets:
         shape = (len(self.nodes),) * 2
         return sparse.coo_array((blocks.ravel(), (rows, columns)), shape=shape).tocsr()
 
-    def subdivided(self):
-        """Eight tets in place of each; the vertices are this mesh's nodes."""
-        middle = np.empty((4, 4), int)
-        middle[np.arange(4), np.arange(4)] = np.arange(4)
-        middle[EDGES[:, 0], EDGES[:, 1]] = middle[EDGES[:, 1], EDGES[:, 0]] = np.arange(4, 10)
-        places = middle[CHILDREN[..., 0], CHILDREN[..., 1]]  # [8, 4]
-        return quadratic(self.nodes, self.tets[:, places].reshape(-1, 4), self.held)
-
-    def prolongation(self):
-        """Values at this mesh's nodes to those at the nodes of `subdivided`.  [N', N] CSR"""
-        finer = self.subdivided()
-        children = finer.tets.reshape(len(self.tets), 8, 10)
-        corners = np.eye(4)[CHILDREN].mean(axis=2)  # [8, 4, 4] barycentric
-        places = np.concatenate([corners, corners[:, EDGES].mean(axis=2)], axis=1)
-        shapes = np.concatenate(
-            [
-                places * (2.0 * places - 1.0),
-                4.0 * places[..., EDGES[:, 0]] * places[..., EDGES[:, 1]],
-            ],
-            axis=-1,
-        )  # [8, 10, 10]
-        shape = (*children.shape, 10)
-        rows = np.broadcast_to(children[..., None], shape).ravel()
-        columns = np.broadcast_to(self.tets[:, None, None, :], shape).ravel()
-        values = np.broadcast_to(shapes, shape).ravel()
-        _, first = np.unique(rows * len(self.nodes) + columns, return_index=True)
-        first = first[values[first] != 0.0]
-        entries = values[first], (rows[first], columns[first])
-        return sparse.csr_array(entries, shape=(len(finer.nodes), len(self.nodes)))
-
 
 def quadratic(vertices, tets, held) -> QuadraticTets:
     """Quadratic tets on a mesh; `held` is a mask of vertices [V]."""
@@ -147,7 +102,6 @@ def quadratic(vertices, tets, held) -> QuadraticTets:
     return QuadraticTets(
         nodes=vertices[parents].mean(axis=1),
         tets=np.concatenate([tets, middles], axis=1),
-        parents=parents,
         held=held[parents].all(axis=1),
     )
 
@@ -155,18 +109,13 @@ def quadratic(vertices, tets, held) -> QuadraticTets:
 class Solid:
     """An elastic body that is partly held: its sag and its lowest frequency."""
 
-    def __init__(self, mesh: QuadraticTets, lame, mu, density, coarser=None):
-        """Assemble and, without a coarser Solid of the same body, factorize."""
+    def __init__(self, mesh: QuadraticTets, lame, mu, density):
         self.mesh = mesh
         self._dofs = (3 * np.flatnonzero(~mesh.held)[:, None] + np.arange(3)).ravel()
         self._stiffness = mesh.stiffness(lame, mu)[self._dofs][:, self._dofs]
         mass = sparse.kron(mesh.mass(density), sparse.eye_array(3), format="csr")
         self._mass = mass[self._dofs][:, self._dofs]
         self._loads = mass[self._dofs]  # of all nodes
-        self._coarser = coarser
-        if coarser is not None:
-            prolong = sparse.kron(coarser.mesh.prolongation(), sparse.eye_array(3), format="csr")
-            self._prolong = prolong[self._dofs][:, coarser._dofs]
 
     def sag(self, gravity):
         """Displacements under gravity [m/s²].  [N, 3]"""
@@ -200,20 +149,7 @@ class Solid:
         return order, cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
 
     def _solve(self, right):
-        if self._coarser is None:
-            order, factors = self._factors
-            solution = np.empty_like(right)
-            solution[order] = cho_solve_banded((factors, True), right[order], check_finite=False)
-            return solution
-        shape = self._stiffness.shape
-        improved = LinearOperator(shape, matvec=self._improved)
-        solution, failed = cg(self._stiffness, right, rtol=TOLERANCE, M=improved)
-        assert not failed
+        order, factors = self._factors
+        solution = np.empty_like(right)
+        solution[order] = cho_solve_banded((factors, True), right[order], check_finite=False)
         return solution
-
-    def _improved(self, residual):
-        """Each unknown on its own, and the coarser bodies' answers."""
-        if self._coarser is None:
-            return self._solve(residual)
-        coarse = self._prolong @ self._coarser._improved(self._prolong.T @ residual)
-        return residual / self._stiffness.diagonal() + coarse
