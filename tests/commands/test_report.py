@@ -19,6 +19,8 @@ from deformrf.wings.lab.rendering.pictures import PEAK_DB
 from deformrf.wings.lab.rendering.section import BOUND, LARGEST
 from deformrf.wings.lab.stability import section as stability
 
+# A time is measured once where a number is enough.
+LEAST = EFFORTS[True, True]._replace(turns=1, frame_turns=2, step_turns=2, start_turns=1)
 SECTIONS = ["rendering", "dynamics", "training", "stability", "left_out", "machine"]
 
 
@@ -27,7 +29,9 @@ def folder(request, ball_file, tmp_path_factory):
     """What a quick report on the ball writes."""
     folder = tmp_path_factory.mktemp("report")
     arguments = command.ReportArguments(ball_file, folder, device=request.param, quick=True)
-    assert command.prepare(arguments)() == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(EFFORTS, (request.param == "cpu", True), LEAST)
+        assert command.prepare(arguments)() == 0
     return folder
 
 
@@ -222,7 +226,7 @@ def test_a_folder_in_a_file_s_place_is_named(ball_file, tmp_path, monkeypatch, c
     assert "machine.csv" in capsys.readouterr().err
 
 
-def test_one_tet_is_enough(tmp_path):
+def test_one_tet_is_enough(tmp_path, monkeypatch):
     """And one level, no view dependence, no word on training: the least that a model can be."""
     mesh = TetMesh(
         np.array([[0.3, 0.3, 0.3], [0.7, 0.3, 0.3], [0.5, 0.7, 0.3], [0.5, 0.5, 0.7]]),
@@ -236,6 +240,7 @@ def test_one_tet_is_enough(tmp_path):
     modelfile.save(replace(field, color_layers=tuple(weights)), tmp_path / "tet.npz")
     write_training(tmp_path / "tet.npz", "null")
     output = tmp_path / "report"
+    monkeypatch.setitem(EFFORTS, (True, True), LEAST)
     arguments = command.ReportArguments(tmp_path / "tet.npz", output, device="cpu", quick=True)
     assert command.prepare(arguments)() == 0
     assert json.loads((output / "report.json").read_text())["complete"]

@@ -11,9 +11,8 @@ from deformrf.core.training.run.monitoring import LossWatch
 from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.training_field import TrainingField
 
-OPTIONS = preset(
-    "tiny", spacing=0.08, coarse_steps=60, fine_steps=40, samples_per_step=2**12, level_count=3
-)
+SMALL = {"spacing": 0.1, "level_count": 3, "table_size_log2": 12, "march_step": 0.02}
+OPTIONS = preset("tiny", coarse_steps=60, fine_steps=40, samples_per_step=2**11, **SMALL)
 NO_MEMORY = torch.OutOfMemoryError("CUDA out of memory")
 
 

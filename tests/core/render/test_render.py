@@ -50,7 +50,7 @@ def stretch(x):
 POSES = {"rest": lambda x: x, "rigid": rigid, "bend": bend, "stretch": stretch}
 
 
-def camera(size=100):
+def camera(size=64):
     rng = np.random.default_rng()
     direction = rng.normal(size=3) * [1, 1, 0.5]
     eye = 0.5 + 1.6 * direction / np.linalg.norm(direction)
@@ -126,7 +126,7 @@ def test_the_bundled_model_renders_as_defined(assert_conforms, device, pose):
         c, s = np.cos(angle), np.sin(angle)
         vertices = np.column_stack([0.5 + c * x - s * y, 0.5 + s * x + c * y, vertices[:, 2]])
     vertices = vertices.astype(np.float32)
-    origins, directions = float32_rays(camera(100))
+    origins, directions = float32_rays(camera())
     renderer = Renderer(field, device)
     renderer.set_vertices(vertices)
     color, _, _ = renderer.render_rays(origins, directions, CONFORMANCE)

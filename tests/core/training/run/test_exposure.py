@@ -105,7 +105,7 @@ def test_exposures_that_hardly_differ_are_left_to_the_colors(tmp_path, monkeypat
         "deformrf.core.training.photographs.exposure_spread", lambda exposure: spread
     )
     dataset, path = photographs(size=16), tmp_path / "run.checkpoint"
-    few = {"spacing": 0.15, "coarse_steps": 80, "fine_steps": 32, "samples_per_step": 2**10}
+    few = {"spacing": 0.15, "coarse_steps": 32, "fine_steps": 32, "samples_per_step": 2**10}
     options = preset("tiny", aabb=(-0.6,) * 3 + (0.6,) * 3, level_count=3, **few)
 
     def stop_in_stage_2(pause):
