@@ -89,8 +89,7 @@ def _make_ball_field(seed, spacing=0.08, occupied_share=0.7, gap=0.0, **options)
 
     With a gap, there are two halves, on both sides of x = ½.
     """
-    from deformrf.core.field import FieldOptions, random_field, subtet_corners
-    from deformrf.core.field.occupancy import pack_mask
+    from deformrf.core.field import FieldOptions, pack_mask, random_field, subtet_corners
     from deformrf.core.geometry import a15_grid, extract, tet_neighbours
 
     rng = np.random.default_rng(seed)
@@ -204,7 +203,7 @@ def refused():
 def trainer(monkeypatch, field):
     """Stands in for the trainer: `calls` is what it was asked to do, `trained` its answer."""
     from deformrf.core import training
-    from deformrf.core.training.trainer import Trained
+    from deformrf.core.training import Trained
 
     trained = Trained(field, {"seconds": 90.0}, interrupted=False)
     stub = SimpleNamespace(calls=[], trained=trained)

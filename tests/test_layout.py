@@ -7,6 +7,7 @@ import subprocess
 import symtable
 import sys
 import tomllib
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -159,25 +160,29 @@ def test_rooms_are_entered_by_their_doors(path):
             raise AssertionError(f"{here} imports {target}: {door} should have the name")
 
 
-def has_name(module, name):
-    """Whether deformrf.a.b defines or imports a name, or is a folder with a module of it."""
+@cache
+def names_of(module):
+    """What deformrf.a.b defines or imports, by its stub if it has one."""
     path = ROOT.joinpath(*module.split(".")[1:])
     files = path.with_suffix(".py"), path / "__init__.pyi", path / "__init__.py"
     file = next((file for file in files if file.exists()), None)
-    if file is None or is_module(f"{module}.{name}"):
-        return file is not None
+    if file is None:
+        return frozenset()
     table = symtable.symtable(file.read_text(encoding="utf-8"), str(file), "exec")
-    known = {s.get_name() for s in table.get_symbols() if s.is_assigned() or s.is_imported()}
-    return name in known
+    return {s.get_name() for s in table.get_symbols() if s.is_assigned() or s.is_imported()}
 
 
-@pytest.mark.parametrize("path", [p for p in TESTS if "benchmarks" in p.parts], ids=module_name)
-def test_benchmarks_import_what_exists(path):
-    """Nothing that they import from the package has moved.  They are read, not run."""
+@pytest.mark.parametrize("path", TESTS, ids=module_name)
+def test_tests_and_benchmarks_import_what_exists_through_doors(path):
+    """Where a door has a name, it is taken from there.  Files are read, not run."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and is_within(node.module, "deformrf"):
-            for name in (alias.name for alias in node.names):
-                assert has_name(node.module, name), f"{path.name}: {node.module} has no {name}"
+        if not isinstance(node, ast.ImportFrom) or not is_within(node.module, "deformrf"):
+            continue
+        module, door = node.module, door_before(node.module)
+        for name in (alias.name for alias in node.names):
+            assert is_module(f"{module}.{name}") or name in names_of(module), f"{module}: no {name}"
+            if door not in (None, module):
+                assert name not in names_of(door), f"{name} of {module}: take it from {door}"
 
 
 @pytest.mark.parametrize("package", [m for m in map(module_name, SOURCES) if "__init__" in m])

@@ -19,10 +19,10 @@ from deformrf.core.geometry import (
     cell_tets,
     extract,
     face_components,
+    morton_order,
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.geometry.lattice import morton_order
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,16 @@ from folds import ball
 
 from deformrf.core.base.device import start_warp
 from deformrf.core.definition.image import render_rays
-from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
+from deformrf.core.render import (
+    Camera,
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    from_field_of_view,
+    look_at,
+    pinhole,
+)
 from deformrf.core.render.rays.approach import ASIDE
-from deformrf.core.render.rays.camera import Camera, camera_rays
-from deformrf.core.render.rays.lens import pinhole
 
 EXACT = RenderOptions(conformance=True)
 WHITE = (1.0, 1.0, 1.0)

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from deformrf.core import field as fields
 from deformrf.core.base.paths import DEFAULT_MODEL
-from deformrf.viewer.films.film import Film
+from deformrf.viewer.films import Film
 from deformrf.viewer.window import open_window
 
 
@@ -62,7 +62,7 @@ def swinging(field, device, ticks, folder):
 
 def made(app, session, options, args, path):
     """Make a film; returns its FilmMaker, seconds in all and of the encoder's thread."""
-    from deformrf.viewer.films.film_maker import FilmMaker
+    from deformrf.viewer.films import FilmMaker
 
     app.scene.reset()
     app.scene.journal.clear()
@@ -88,7 +88,8 @@ def main():
     window, context = open_window(size, headless=True)
     from deformrf.viewer.app import App
     from deformrf.viewer.events import EventLog
-    from deformrf.viewer.films.film_maker import STEPS, FilmOptions
+    from deformrf.viewer.films import FilmOptions
+    from deformrf.viewer.films.film_maker import STEPS
 
     app = App(window, context, EventLog(False), gui=False, fps=args.fps)
     columns = "samples", "frames", *STEPS, "encoding, beside", "a frame", "measured", "whole film"

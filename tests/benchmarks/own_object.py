@@ -59,13 +59,13 @@ class Pictures:
     def training(self):
         """The window while a model is trained."""
         from deformrf.commands.train import ViewedTrainArguments, prepare_training
-        from deformrf.viewer.training.live import LiveRun
+        from deformrf.viewer.training import LiveRun
         from deformrf.viewer.window import open_window
 
         window, context = open_window(SIZE, headless=True)
         from deformrf.viewer.app import App  # imports pyglet's window, which is possible now
         from deformrf.viewer.events import EventLog
-        from deformrf.viewer.training.live_window import LiveWindow
+        from deformrf.viewer.training import LiveWindow
 
         arguments = ViewedTrainArguments(self.photos, self.folder / "live.npz", preset="tiny")
         live = LiveRun("toy", "cpu")

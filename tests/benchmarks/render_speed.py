@@ -131,7 +131,8 @@ def opengl():
 
 def opengl_target(device, size):
     """Where OpenGL reads images, and how the bytes go there."""
-    from deformrf.viewer.layers.upload import choose_path, image_target
+    from deformrf.viewer.layers import choose_path
+    from deformrf.viewer.layers.upload import image_target
 
     if opengl() is None:
         return None, "nowhere: there is no OpenGL"

@@ -15,8 +15,7 @@ import warp as wp
 
 from deformrf.core.base import paths
 from deformrf.core.base.device import start_warp
-from deformrf.core.field import modelfile
-from deformrf.core.field.occupancy import unpack_mask
+from deformrf.core.field import modelfile, unpack_mask
 from deformrf.core.training import load_dataset, preset
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run.differentiable import Composite, on_warp_stream

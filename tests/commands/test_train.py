@@ -15,8 +15,9 @@ from deformrf.core.field import modelfile
 from deformrf.core.training import preset, trained_tets, trainer
 from deformrf.core.training.run import optimization
 from deformrf.viewer.camera import picking
+from deformrf.viewer.training import LiveRun
 from deformrf.viewer.training import live as lives
-from deformrf.viewer.training.live import Gate, LiveRun
+from deformrf.viewer.training.live import Gate
 from deformrf.viewer.window import WindowError
 
 FEW = preset(

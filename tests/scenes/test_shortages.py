@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.training import preset, trainer
+from deformrf.core.training import load_checkpoint, preset, trainer
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.monitoring import LossWatch
 from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.training_field import TrainingField

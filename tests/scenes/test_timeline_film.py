@@ -10,7 +10,7 @@ import pytest
 
 from deformrf.commands import render as render_command
 from deformrf.viewer.camera import orbit as orbits
-from deformrf.viewer.films.film import Film, with_timeline
+from deformrf.viewer.films import Film, with_timeline
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import SessionError, load_session, save_session, start_of
 

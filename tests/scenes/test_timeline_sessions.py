@@ -8,7 +8,7 @@ import pytest
 from random_hands import use
 
 from deformrf.viewer.camera import orbit as orbits
-from deformrf.viewer.films.film import Film
+from deformrf.viewer.films import Film
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import (
     Player,

@@ -11,9 +11,9 @@ import torch
 from deformrf.commands.train_choices import check_resumed_views
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import Lens
-from deformrf.core.training import CheckpointError, preset
+from deformrf.core.training import CheckpointError, load_checkpoint, preset
 from deformrf.core.training.finding import FoundBox
-from deformrf.core.training.run.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from deformrf.core.training.run.checkpoint import Checkpoint, save_checkpoint
 
 from .damage import Binary, with_structure, with_values
 

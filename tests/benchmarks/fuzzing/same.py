@@ -11,7 +11,7 @@ import numpy as np
 
 from deformrf.core.render import Camera, camera_rays, in_space
 from deformrf.core.training import load_dataset
-from deformrf.viewer.films.camera_path import load_camera_path
+from deformrf.viewer.films import load_camera_path
 from deformrf.viewer.films.sight import seen_by
 
 from .colmap import binary_files, text_files

@@ -14,11 +14,17 @@ from random_edits import random_events
 
 from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import load
-from deformrf.viewer.films.film import Film, with_timeline
+from deformrf.viewer.films import Film, with_timeline
 from deformrf.viewer.history import begin_anew, unless_it_fails
 from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
-from deformrf.viewer.sessions.autosave import left_behind
+from deformrf.viewer.sessions import (
+    Player,
+    SessionError,
+    left_behind,
+    load_session,
+    save_session,
+    start_of,
+)
 
 from .damage import with_text, with_values
 from .models import small_models

@@ -5,10 +5,10 @@ import json
 import numpy as np
 
 from deformrf.viewer import preferences
-from deformrf.viewer.films.camera_path import CameraPathError, load_camera_path
+from deformrf.viewer.films import load_camera_path
+from deformrf.viewer.films.camera_path import CameraPathError
 from deformrf.viewer.settings import Settings
-from deformrf.wings.capture import CaptureError
-from deformrf.wings.capture.photos import find_photos
+from deformrf.wings.capture import CaptureError, find_photos
 from deformrf.wings.capture.work import Look, open_work
 
 from .damage import json_bytes, with_bytes, with_values

@@ -24,8 +24,8 @@ PRELOADED = [
     "deformrf.commands.rig",
     "deformrf.core.training.trainer",
     "deformrf.commands.view",
-    "deformrf.viewer.films.rendercommand",
-    "deformrf.viewer.training.traincommand",
+    "deformrf.commands.render",
+    "deformrf.commands.train",
     "deformrf.viewer.sessions",
 ]
 PATIENCE = 120.0  # s that a run may take, and that the answer to a signal may take

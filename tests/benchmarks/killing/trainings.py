@@ -8,7 +8,7 @@ from fuzzing.models import small_models
 from PIL import Image
 
 from deformrf.core.field import load
-from deformrf.core.training.run.checkpoint import load_checkpoint
+from deformrf.core.training import load_checkpoint
 
 from .kinds import Fault, OneFile, Signals
 from .process import Job, command

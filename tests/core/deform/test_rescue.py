@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deformrf.core.deform import distortion
 from deformrf.core.deform.rescue import (
     DURATION,
     FORGET,
@@ -11,7 +12,6 @@ from deformrf.core.deform.rescue import (
     SOFTENING,
     TRIES,
     Rescue,
-    distortion,
     goals,
 )
 from deformrf.core.geometry import signed_volumes

@@ -4,8 +4,7 @@ import numpy as np
 import warp as wp
 
 from deformrf.core.definition import networks
-from deformrf.core.field import is_occupied, subtet_corners, subtet_of
-from deformrf.core.field.occupancy import pack_mask, unpack_mask
+from deformrf.core.field import is_occupied, pack_mask, subtet_corners, subtet_of, unpack_mask
 
 
 def test_packing_is_invertible():

@@ -14,9 +14,9 @@ from deformrf.core.field import (
     make_tables,
     reach,
     subtet_of,
+    unpack_mask,
 )
 from deformrf.core.field.layout import encoding_of
-from deformrf.core.field.occupancy import unpack_mask
 from deformrf.core.field.reach import occupied_cells, reached_entries, reached_reference
 from deformrf.core.geometry import path_corners
 

@@ -21,11 +21,12 @@ from deformrf.core.geometry import (
     extract,
     lattice_spacing,
     lattice_vertices,
+    morton_order,
     path_corners,
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.core.geometry.lattice import MARGIN, best_corner_order, grid, morton_order
+from deformrf.core.geometry.lattice import MARGIN, best_corner_order, grid
 from deformrf.core.geometry.mesh import FACES
 
 LATTICES = [A15, BCC, KUHN]

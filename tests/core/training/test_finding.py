@@ -9,12 +9,11 @@ import warp as wp
 
 from deformrf.core.field import subtet_middles, unpack_mask
 from deformrf.core.render import Camera, camera_rays, look_at, pinhole
-from deformrf.core.training import finding, preset, trained_tets, trainer
+from deformrf.core.training import finding, load_checkpoint, preset, trained_tets, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.scene_box import seeks_object
 from deformrf.core.training.finding import FoundBox, ends_of_rays, first_workers, search
 from deformrf.core.training.run import optimization
-from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.distributed import ALONE
 from deformrf.core.training.run.monitoring import TrainingProgress
 from deformrf.core.training.run.optimization import Optimization

@@ -11,11 +11,9 @@ import torch
 from deformrf.core.definition.networks import is_occupied
 from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
-from deformrf.core.training import preset, trainer
+from deformrf.core.training import evaluate, load_checkpoint, preset, trainer
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.evaluation import evaluate
 from deformrf.core.training.run.batch import Batch
-from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.optimization import PAUSE_INTERVAL
 from deformrf.core.training.run.training_field import TrainingField
 from deformrf.core.training.train_options import PRESETS

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.commands import render as render_command
-from deformrf.viewer.films.clip import clip_session
-from deformrf.viewer.films.film import Film
+from deformrf.viewer.films import Film, clip_session
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import SessionError
 from deformrf.wings import rig

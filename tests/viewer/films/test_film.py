@@ -13,7 +13,8 @@ from PIL import Image
 from deformrf.commands import render as render_command
 from deformrf.viewer.camera import Orbit
 from deformrf.viewer.camera import camera_of as camera_of
-from deformrf.viewer.films.film import Film, Views, between, frame_count, turned_around
+from deformrf.viewer.films import Film
+from deformrf.viewer.films.film import Views, between, frame_count, turned_around
 from deformrf.viewer.history import Event
 from deformrf.viewer.sessions import Session, save_session, start_of
 

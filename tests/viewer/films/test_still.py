@@ -6,7 +6,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from deformrf.viewer.films.still import PoseError, load_vertices, strike
+from deformrf.viewer.films import strike
+from deformrf.viewer.films.still import PoseError, load_vertices
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import save_session, start_of
 

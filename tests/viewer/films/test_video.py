@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
+from deformrf.viewer.films import CODECS, encoder
 from deformrf.viewer.films import video as v
-from deformrf.viewer.films.codecs import CODECS, encoder
 
 
 def gray(value, width=64, height=48):

@@ -7,14 +7,8 @@ import pytest
 from deformrf.core.base.paths import SHADERS
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
-from deformrf.viewer.layers import Canvas, gl
-from deformrf.viewer.layers.bone_layer import (
-    CHOSEN,
-    VERTICES,
-    BoneLayer,
-    bone_instances,
-    joint_spheres,
-)
+from deformrf.viewer.layers import BoneLayer, Canvas, gl
+from deformrf.viewer.layers.bone_layer import CHOSEN, VERTICES, bone_instances, joint_spheres
 from deformrf.viewer.rigging import LOOSE
 from deformrf.viewer.scene import Scene
 

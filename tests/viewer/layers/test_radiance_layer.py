@@ -17,10 +17,10 @@ from deformrf.core.render import (
 )
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
-from deformrf.viewer.layers import resolution
-from deformrf.viewer.layers.gl import Canvas, depth_terms
-from deformrf.viewer.layers.radiance_layer import CHECKER_SIZE, REST_SECONDS, RadianceLayer
-from deformrf.viewer.layers.resolution import CPU_LADDER, SAMPLE_COUNT
+from deformrf.viewer.layers import SAMPLE_COUNT, Canvas, RadianceLayer, resolution
+from deformrf.viewer.layers.gl import depth_terms
+from deformrf.viewer.layers.radiance_layer import CHECKER_SIZE, REST_SECONDS
+from deformrf.viewer.layers.resolution import CPU_LADDER
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 

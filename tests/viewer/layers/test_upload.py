@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render.render import Image
+from deformrf.core.render import Image
 from deformrf.viewer.layers import gl, upload
 
 pytestmark = pytest.mark.gl

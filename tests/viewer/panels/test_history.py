@@ -2,7 +2,8 @@
 
 import pytest
 
-from deformrf.viewer.history.journal import Journal, Step
+from deformrf.viewer.history import Journal
+from deformrf.viewer.history.journal import Step
 
 pytestmark = pytest.mark.gl
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from deformrf.viewer.input.actions import INPUTS, Input
+from deformrf.viewer.input import INPUTS
+from deformrf.viewer.input.actions import Input
 from deformrf.viewer.panels import menu as m
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from deformrf.core.deform import TIME_STEP, XpbdOptions, XpbdSolver, lowest_pins
 from deformrf.core.field import STIFFNESS_RANGE
-from deformrf.viewer.scene.body import EARTH, FLOATING_DRAG, Body, stored_size
+from deformrf.viewer.scene import EARTH
+from deformrf.viewer.scene.body import FLOATING_DRAG, Body, stored_size
 
 
 def make_body(field, meters=None):

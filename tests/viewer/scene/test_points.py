@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from deformrf.viewer.scene.grabs import Motion, rotation_matrix
-from deformrf.viewer.scene.points import (
-    SPACING,
-    ControlPoints,
-    located,
-    of_large_clusters,
-    placed,
-    spread,
-)
+from deformrf.viewer.scene import ControlPoints, rotation_matrix
+from deformrf.viewer.scene.grabs import Motion
+from deformrf.viewer.scene.points import SPACING, located, of_large_clusters, placed, spread
 
 
 def test_a_point_is_found_in_its_tet_and_goes_where_the_tet_goes(ball):

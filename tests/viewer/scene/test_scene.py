@@ -10,7 +10,8 @@ import warp as wp
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load, save
 from deformrf.viewer.events import displacements
-from deformrf.viewer.scene.scene import MAX_STEPS, Scene
+from deformrf.viewer.scene import Scene
+from deformrf.viewer.scene.scene import MAX_STEPS
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 
-from deformrf.core.training import preset, trainer
+from deformrf.core.training import load_checkpoint, preset, trainer
 from deformrf.core.training.run import optimization
-from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.viewer.panels import training as panel
+from deformrf.viewer.training import LiveRun
 from deformrf.viewer.training import live as lives
-from deformrf.viewer.training.live import Gate, LiveRun
+from deformrf.viewer.training.live import Gate
 
 FEW = preset(
     "tiny",

@@ -10,7 +10,7 @@ from captures import circle, write_capture
 from PIL import Image, ImageFilter
 
 from deformrf.commands import train
-from deformrf.core.training.data.sharpness import sharpness_of
+from deformrf.core.training import sharpness_of
 from deformrf.wings import capture
 from deformrf.wings.capture import CaptureError, frames_of_video, video
 

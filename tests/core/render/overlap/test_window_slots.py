@@ -12,12 +12,12 @@ from deformrf.core.definition.image import render_rays
 from deformrf.core.render import (
     Renderer,
     RenderOptions,
+    camera_rays,
     from_field_of_view,
     look_at,
 )
 from deformrf.core.render.overlap import window_slots
 from deformrf.core.render.overlap.merging import PieceMerger
-from deformrf.core.render.rays.camera import camera_rays
 from deformrf.core.render.rounds import wavefront
 
 

@@ -9,10 +9,9 @@ import warp as wp
 from fold_poses import crowd, denser, folded, from_inside
 
 from deformrf.core.definition.image import render_rays
-from deformrf.core.render import Renderer, RenderOptions
+from deformrf.core.render import Renderer, RenderOptions, camera_rays
 from deformrf.core.render.overlap import windows
 from deformrf.core.render.overlap.merging import PieceMerger
-from deformrf.core.render.rays.camera import camera_rays
 
 
 @pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])

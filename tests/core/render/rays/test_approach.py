@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 
 from deformrf.core.definition.image import render_rays
-from deformrf.core.render import Renderer, RenderOptions, look_at
+from deformrf.core.render import (
+    Camera,
+    Renderer,
+    RenderOptions,
+    camera_rays,
+    empty_rays,
+    look_at,
+    pinhole,
+)
 from deformrf.core.render.rays.approach import ASIDE, ball_around, begin_at_ball
-from deformrf.core.render.rays.camera import Camera, camera_rays
 from deformrf.core.render.rays.entries import UNKNOWN
-from deformrf.core.render.rays.lens import pinhole
-from deformrf.core.render.rays.marching import empty_rays
 from deformrf.core.render.rays.raster import FaceRectangles
 
 SIZE = 24

@@ -7,17 +7,20 @@ import warp as wp
 from deformrf.core.definition.image import ray_pieces, render_rays
 from deformrf.core.field import SUBTET_COUNT, subtets_of
 from deformrf.core.render import (
+    Entries,
     Renderer,
     RenderOptions,
     camera_rays,
+    device_camera,
+    empty_rays,
+    empty_samples,
     from_field_of_view,
     look_at,
 )
 from deformrf.core.render.rays.approach import move_aside
-from deformrf.core.render.rays.camera import camera_rays_kernel, device_camera
+from deformrf.core.render.rays.camera import camera_rays_kernel
 from deformrf.core.render.rays.cpu_march import ORDERS, SIDE, lattice_paths
-from deformrf.core.render.rays.entries import Entries
-from deformrf.core.render.rays.marching import MIDDLE, empty_rays, empty_samples, march_kernel
+from deformrf.core.render.rays.marching import MIDDLE, march_kernel
 from deformrf.core.render.rays.raster import FaceRectangles
 from deformrf.core.render.rounds.compositing import empty_pixels
 

@@ -11,11 +11,12 @@ from deformrf.core.render import (
     camera_ray,
     camera_rays,
     device_camera,
+    distort,
     has_rays,
     look_at,
     pinhole,
 )
-from deformrf.core.render.rays.lens import distort, undistort
+from deformrf.core.render.rays.lens import undistort
 
 
 def random_lens(rng):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render import Pose, empty_rays, from_field_of_view, look_at
-from deformrf.core.render.rays.camera import camera_rays_kernel, device_camera
+from deformrf.core.render import Pose, device_camera, empty_rays, from_field_of_view, look_at
+from deformrf.core.render.rays.camera import camera_rays_kernel
 from deformrf.core.render.rays.entries import UNKNOWN
 from deformrf.core.render.rays.raster import FaceRectangles, bounding_rectangles
 

@@ -7,10 +7,8 @@ import warp as wp
 from deformrf.core.definition.deformation import deformation
 from deformrf.core.definition.image import ray_pieces
 from deformrf.core.geometry import TetMesh
-from deformrf.core.render import Pose, empty_rays, empty_samples
-from deformrf.core.render.rays.entries import Entries
+from deformrf.core.render import Entries, Geometry, Pose, empty_rays, empty_samples
 from deformrf.core.render.rays.marching import march_kernel
-from deformrf.core.render.rays.pose import Geometry
 from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
 
 SLOTS = 512

@@ -19,14 +19,16 @@ from deformrf.core.definition.networks import (
 from deformrf.core.field import modelfile, multiplies_pairs, subtet_corners, unpack_mask
 from deformrf.core.field.networks.layers import bfloat16
 from deformrf.core.render import (
+    Entries,
     Renderer,
     RenderOptions,
     camera_rays,
+    empty_rays,
+    empty_samples,
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rays.entries import Entries
-from deformrf.core.render.rays.marching import RaySamples, empty_rays, empty_samples
+from deformrf.core.render.rays.marching import RaySamples
 from deformrf.core.render.rounds import cpu
 from deformrf.core.render.rounds.compositing import empty_pixels
 from deformrf.core.training.metrics import psnr

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import look_at, pinhole
+from deformrf.core.training import find_object
 from deformrf.core.training.data.found_object import (
     THICKNESS,
     Plane,
     attention,
     common_up,
-    find_object,
     ground_of,
 )
 from deformrf.core.training.data.scene_box import found_to_unit_cube

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from deformrf.core.render import look_at, pinhole
-from deformrf.core.training import DatasetError, world_to_unit_cube
+from deformrf.core.training import DatasetError, focus, world_to_unit_cube
 from deformrf.core.training.data.datasets import from_images
-from deformrf.core.training.data.scene_box import box_to_unit_cube, focus
+from deformrf.core.training.data.scene_box import box_to_unit_cube
 
 
 def dataset(poses, bounds=None):

@@ -11,14 +11,8 @@ import pytest
 import torch
 
 from deformrf.core.geometry import a15_grid
-from deformrf.core.training import preset
-from deformrf.core.training.run.checkpoint import (
-    FORMAT,
-    Checkpoint,
-    CheckpointError,
-    load_checkpoint,
-    save_checkpoint,
-)
+from deformrf.core.training import CheckpointError, load_checkpoint, preset
+from deformrf.core.training.run.checkpoint import FORMAT, Checkpoint, save_checkpoint
 from deformrf.core.training.run.monitoring import MOST_ROWS
 
 

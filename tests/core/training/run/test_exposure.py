@@ -8,11 +8,9 @@ import torch
 from ball_photos import photographs
 from PIL import Image, ImageFilter
 
-from deformrf.core.training import preset, trainer
-from deformrf.core.training.evaluation import evaluate
+from deformrf.core.training import evaluate, load_checkpoint, preset, trainer
 from deformrf.core.training.photographs import SMALL_SPREAD, learned_exposure, photographed_rays
 from deformrf.core.training.run import optimization
-from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.exposure import LearnedExposure, adjusted_reference, cost_reference
 
 VIEWS, RAYS = 4, 30

@@ -11,11 +11,10 @@ import torch
 
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at, pinhole
-from deformrf.core.training import photographs, preset, trainer
+from deformrf.core.training import load_checkpoint, photographs, preset, trainer
 from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import monitoring, optimization
-from deformrf.core.training.run.checkpoint import load_checkpoint
 from deformrf.core.training.run.monitoring import History
 from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.training_field import TrainingField

@@ -10,8 +10,7 @@ from ball_photos import photographs
 
 from deformrf.core.field import basis_vector, modelfile
 from deformrf.core.field.grid import contract
-from deformrf.core.training import preset, trainer
-from deformrf.core.training.evaluation import evaluate
+from deformrf.core.training import evaluate, preset, trainer
 from deformrf.core.training.run.surroundings import (
     BEHIND_PIECES,
     FRONT_PIECES,
