@@ -54,10 +54,9 @@ demo: $(VENV)/viewing
 test: venv
 	@$(call SAY_MISSING,$(OPENGL_PACKAGES) $(SCREEN_PACKAGES))
 ifeq ($(PYTEST_ARGS),)
-	@# Most tests keep one thread busy, so two run side by side.  Real windows come after, alone:
-	@# what they show depends on the machine's speed.
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not e2e"
-	$(BIN)/python -m pytest -m e2e
+	@# Most tests keep one thread busy and others wait (for a window, a process, a disk), so three
+	@# run side by side on two cores.  A file's tests share what they made; conftest.py orders files.
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 else
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 endif

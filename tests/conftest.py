@@ -1,4 +1,4 @@
-"""What tests share: one hook that skips by marker, devices, and the optional development data."""
+"""What tests share: one hook that orders and skips, devices, and the optional development data."""
 
 import json
 import os
@@ -13,6 +13,36 @@ import numpy as np
 import pytest
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the checkout, if at all
+
+# Files of more than ten seconds begin first: none is left to one worker at the end.
+LONG = (
+    "viewer/test_window.py",
+    "scenes/test_window_tool.py",
+    "scenes/test_window_questions.py",
+    "scenes/test_rig_window.py",
+    "scenes/test_window_sessions.py",
+    "scenes/test_window_opening.py",
+    "core/training/test_trainer.py",
+    "commands/test_report.py",
+    "core/render/test_render.py",
+    "core/training/run/test_distributed.py",
+    "core/base/test_kernel_cache.py",
+    "wings/lab/stability/test_measure.py",
+    "wings/lab/dynamics/test_references.py",
+    "core/training/run/test_exposure.py",
+    "wings/capture/test_cameras.py",
+    "viewer/films/test_film.py",
+    "core/training/run/test_surroundings.py",
+    "commands/test_train.py",
+    "commands/test_view.py",
+    "commands/test_entry.py",
+    "scenes/test_poses.py",
+    "scenes/test_shortages.py",
+    "viewer/test_app.py",
+    "core/base/test_children.py",
+    "core/training/run/test_optimization.py",
+)
+TESTS = Path(__file__).parent
 
 SEED = int(os.environ.get("DEFORMRF_TEST_SEED", 0))  # make soak draws a new one
 
@@ -53,7 +83,9 @@ def cuda_is_available():
 
 
 def pytest_collection_modifyitems(items):
-    """Skip what is marked gpu where there is no CUDA device: the only place that decides it."""
+    """Long files begin first.  What is marked gpu is skipped where there is no CUDA device."""
+    places = {TESTS / name: place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: places.get(item.path, len(LONG)))
     gpu_items = [item for item in items if item.get_closest_marker("gpu")]
     if gpu_items and not cuda_is_available():
         for item in gpu_items:

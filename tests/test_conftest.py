@@ -32,6 +32,11 @@ def test_so_is_a_test_without_opengl(required, outcome, request, monkeypatch):
         request.getfixturevalue("window")
 
 
+def test_files_that_begin_first_exist(pytestconfig):
+    conftest = pytestconfig.pluginmanager.get_plugin(str(ROOT / "tests" / "conftest.py"))
+    assert not [name for name in conftest.LONG if not (ROOT / "tests" / name).exists()]
+
+
 def test_ci_requires_the_window():
     assert "\nexport DEFORMRF_REQUIRE_WINDOW=1" in (ROOT / ".ci" / "run").read_text()
 

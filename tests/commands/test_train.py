@@ -24,7 +24,7 @@ FEW = preset(
     "tiny",
     spacing=0.15,
     coarse_steps=40,
-    fine_steps=100,
+    fine_steps=64,
     level_count=3,
     samples_per_step=2**12,
     march_step=0.06,

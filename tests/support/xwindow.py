@@ -49,7 +49,8 @@ class LiveViewer:
         # Kept sessions and preferences go into a folder of this one alone: nothing is offered.
         own = {"XDG_STATE_HOME": str(folder / "state"), "XDG_CONFIG_HOME": str(folder / "config")}
         self._env = {**os.environ, "DISPLAY": name, **own}
-        self._env.pop("WAYLAND_DISPLAY", None)
+        for name in ("WAYLAND_DISPLAY", "OMP_NUM_THREADS"):  # as `make test` sets it
+            self._env.pop(name, None)
         self._log = folder / "events.txt"
         command = [sys.executable, "-m", "deformrf.viewer", str(model), "--log-events"]
         with self._log.open("w") as stream:

@@ -312,6 +312,7 @@ def test_torchrun_trains_one_model(folder, tmp_path):
     """The command as the README has it: one file, one voice, scores."""
     script = Path(sys.executable).with_name("deformrf-train")
     flags = ["--preset", "tiny", "--steps", 20, "--leave-out", "coarse-stage", "--device", "cpu"]
+    flags += ["--spacing", 0.1]
     said = torchrun("--no-python", script, folder / "data", "-o", tmp_path / "ball.npz", *flags)
     assert said.count("Wrote") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["ball.npz"]

@@ -81,7 +81,7 @@ def test_exposures_are_learned_and_the_model_is_better_for_it(monkeypatch):
     dataset = photographs(size=16)
     rng = np.random.default_rng()
     gains = rng.uniform(0.6, 1.0, (dataset.view_count, 1)) * rng.uniform(0.95, 1.0, 3)
-    few = {"spacing": 0.15, "fine_steps": 180, "level_count": 3, "samples_per_step": 2**11}
+    few = {"spacing": 0.15, "fine_steps": 120, "level_count": 3, "samples_per_step": 2**11}
     options = preset("tiny", aabb=(-0.6,) * 3 + (0.6,) * 3, **few)
     evenly = exposed(dataset, np.tile(gains.mean(axis=0), (dataset.view_count, 1)))
     decibels = []
@@ -103,7 +103,7 @@ def test_exposures_that_hardly_differ_are_left_to_the_colors(tmp_path, monkeypat
         "deformrf.core.training.photographs.exposure_spread", lambda exposure: spread
     )
     dataset, path = photographs(size=16), tmp_path / "run.checkpoint"
-    few = {"spacing": 0.15, "coarse_steps": 32, "fine_steps": 32, "samples_per_step": 2**10}
+    few = {"spacing": 0.15, "coarse_steps": 80, "fine_steps": 32, "samples_per_step": 2**10}
     options = preset("tiny", aabb=(-0.6,) * 3 + (0.6,) * 3, level_count=3, **few)
 
     def stop_in_stage_2(pause):

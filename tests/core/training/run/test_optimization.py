@@ -21,7 +21,7 @@ from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.rates import learning_rate
 from deformrf.core.training.run.training_field import TrainingField
 
-OPTIONS = preset("tiny", samples_per_step=2**15, coarse_steps=50, fine_steps=50)
+OPTIONS = preset("tiny", samples_per_step=2**14, coarse_steps=50, fine_steps=50)
 
 
 @pytest.fixture

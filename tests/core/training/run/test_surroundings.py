@@ -138,7 +138,7 @@ def trained():
     changes = {"spacing": 0.08, "coarse_steps": 120, "fine_steps": 160, "level_count": 3}
     box = (-0.6, -0.6, -0.6, 0.6, 0.6, 0.6)
     dataset = photographs()
-    options = preset("tiny", samples_per_step=2**13, aabb=box, **changes)
+    options = preset("tiny", samples_per_step=2**12, aabb=box, **changes)
     return dataset, trainer.train(dataset, options, "cpu", "ball")
 
 
