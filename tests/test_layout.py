@@ -99,6 +99,11 @@ def module_name(path):
     return ".".join(["deformrf", *path.relative_to(ROOT).with_suffix("").parts])
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def is_within(module, *packages):
     return any(f"{module}.".startswith(f"{package}.") for package in packages)
 
@@ -106,7 +111,7 @@ def is_within(module, *packages):
 def imported_modules(path):
     """Yield the full name of everything that a file imports."""
     package = module_name(path).split(".")[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -175,7 +180,7 @@ def names_of(module):
 @pytest.mark.parametrize("path", TESTS, ids=module_name)
 def test_tests_and_benchmarks_import_what_exists_through_doors(path):
     """Where a door has a name, it is taken from there.  Files are read, not run."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if not isinstance(node, ast.ImportFrom) or not is_within(node.module, "deformrf"):
             continue
         module, door = node.module, door_before(node.module)
@@ -212,7 +217,7 @@ def runs_on_a_device(function):
 
 @pytest.mark.parametrize("path", SOURCES + TESTS, ids=module_name)
 def test_functions_stay_short(path):
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef) and not runs_on_a_device(node):
             count = lines_of(node)
             place = f"{path.relative_to(ROOT)}: {node.name}"
