@@ -28,7 +28,6 @@ LONG = (
     "core/training/run/test_distributed.py",
     "core/base/test_kernel_cache.py",
     "wings/lab/stability/test_measure.py",
-    "wings/lab/dynamics/test_references.py",
     "core/training/run/test_exposure.py",
     "wings/capture/test_cameras.py",
     "viewer/films/test_film.py",
