@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from deformrf.core.definition import networks
 from deformrf.core.definition.networks import is_occupied
 from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
@@ -104,7 +105,8 @@ def test_without_view_dependence_all_sides_look_alike(ball_data):
     assert not field.options.view_dependence
     rng = np.random.default_rng()
     tet, bary = rng.integers(field.mesh.tet_count, size=50), rng.dirichlet(np.ones(4), 50)
-    colors = [field.evaluate(tet, bary, np.tile(d, (50, 1)))[1] for d in np.eye(3)]
+    h, defined = networks.geometry(field.definition, tet, bary), field.definition.color_layers
+    colors = [networks.colors(h, np.tile(d, (50, 1)), defined) for d in np.eye(3)]
     np.testing.assert_array_equal(colors[0], colors[1])
     np.testing.assert_array_equal(colors[0], colors[2])
     # Slower to learn at first; white alone has 10 dB.
