@@ -135,7 +135,7 @@ def test_an_empty_world_shows_its_sky(device):
 
 @pytest.fixture(scope="module")
 def trained():
-    changes = {"spacing": 0.08, "coarse_steps": 120, "fine_steps": 160, "level_count": 3}
+    changes = {"spacing": 0.08, "coarse_steps": 80, "fine_steps": 100, "level_count": 3}
     box = (-0.6, -0.6, -0.6, 0.6, 0.6, 0.6)
     dataset = photographs()
     options = preset("tiny", samples_per_step=2**12, aabb=box, **changes)
