@@ -8,7 +8,7 @@ import pytest
 from beams import beam
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lumped_masses
-from deformrf.core.deform.constraints import Constraints
+from deformrf.core.deform.constraints import ColoredConstraints
 from deformrf.core.geometry import A15, BCC, KUHN
 from deformrf.wings.lab.dynamics.measure import MOTION_FRAMES, HeldMesh, LoadCase, measure
 
@@ -89,8 +89,8 @@ def test_the_softening_of_a_sweep_is_made_up_for(lattice, ratio, monkeypatch):
     material = Material(young_modulus=2e5, poisson_ratio=ratio)
     case = replace(case, solid=material, gravity=(0.0, 0.0, -0.3))
     corrected = measure(case, 20, "cpu").of_motion
-    uncorrected = partialmethod(Constraints.regularization, softening=(0.0, 0.0))
-    monkeypatch.setattr(Constraints, "regularization", uncorrected)
+    uncorrected = partialmethod(ColoredConstraints.regularization, softening=(0.0, 0.0))
+    monkeypatch.setattr(ColoredConstraints, "regularization", uncorrected)
     plain = measure(case, 20, "cpu").of_motion
     assert corrected < 0.2 * plain
     assert plain > 0.2  # percent of the motion

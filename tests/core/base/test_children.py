@@ -151,7 +151,7 @@ def test_a_child_imports_what_its_parent_does(trap, script, more):
 
 def test_a_child_of_python_c_imports_nothing_of_the_current_folder(trap, tmp_path):
     """The parent does as Python does, and begins elsewhere."""
-    begun = "import os, subprocess; from deformrf.core import children; "
+    begun = "import os, subprocess; from deformrf.core.base import children; "
     code = f"{begun} os.chdir({str(trap)!r})\n{WHERE}"
     done = run(tmp_path, "-c", code)
     assert done.returncode == 0 and not executed(trap), done.stderr

@@ -13,7 +13,7 @@ from deformrf.core.field import load
 
 WORK = """
 import sys
-from deformrf.commands import asked_for_version, complain, run
+from deformrf.commands.running import asked_for_version, complain, run
 from rich.progress import track
 def job():
     for i in track(range(3)):
