@@ -21,7 +21,6 @@ from .kernels import kernel_modules as kernel_modules
 
 # For training next door: kernels, their functions and structs.
 from .rays.marching import (
-    ANY_DEPTH as ANY_DEPTH,
     COUNT as COUNT,
     Rays as Rays,
     Samples as Samples,
@@ -37,7 +36,6 @@ from .rays.camera import (
     device_camera as device_camera,
 )
 from .rays.entries import (
-    Entries as Entries,
     empty_entries as empty_entries,
     find_entries as find_entries,
 )

@@ -26,7 +26,6 @@ from .overlap.merging import PieceMerger
 from .overlap.search import Overlap
 from .rays.approach import ball_around, begin_at_ball, is_far, move_aside, moved_aside
 from .rays.camera import Camera, camera_rays, camera_rays_kernel, device_camera
-from .rays.entries import Entries
 from .rays.marching import empty_rays
 from .rays.pose import Pose
 from .rays.raster import FaceRectangles
@@ -95,15 +94,23 @@ class Renderer:
         self.part, tet_ids = part_of(field)
         self._part_ids = tet_ids  # on the host
         self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
-        mesh, neighbours, step = self.part.mesh, self.part.neighbours, field.options.march_step
-        self._occupancy = wp.array(self.part.occupancy, dtype=wp.uint64, device=self.device)
+        mesh, neighbours = self.part.mesh, self.part.neighbours
         self.pose = Pose(mesh, neighbours, self.device)
         self.shading = Shading(self.part, self.pose.geometry.rotations, self.device)
+        self._fill_geometry()
         self.overlap = Overlap(mesh, neighbours, self.pose)
-        self.merger = PieceMerger(self.pose, self._occupancy, self.shading, step)
-        self.host_rounds = HostRounds(self.pose, self._occupancy, self.shading, step)
+        self.merger = PieceMerger(self.pose, self.shading)
+        self.host_rounds = HostRounds(self.pose, self.shading)
         self._wavefront = self._windows = None
         self._pool = None if self.device.is_cuda else ThreadPoolExecutor(thread_count())
+
+    def _fill_geometry(self):
+        """Say where there can be density, and how long pieces are."""
+        geometry = self.pose.geometry
+        geometry.occupancy = wp.array(self.part.occupancy, dtype=wp.uint64, device=self.device)
+        geometry.step = self.field.options.march_step
+        if self.device.is_cpu:
+            geometry.densities = self.shading.densities
 
     def set_vertices(self, vertices: np.ndarray | wp.array) -> None:
         """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
@@ -113,7 +120,7 @@ class Renderer:
 
     def set_occupancy(self, occupancy: np.ndarray) -> None:
         """Take other masks, of sub-tets that the field's own masks have, too.  [T] uint64"""
-        self._occupancy.assign(occupancy[self._part_ids])
+        self.pose.geometry.occupancy.assign(occupancy[self._part_ids])
 
     def render(
         self,
@@ -129,7 +136,7 @@ class Renderer:
         Raises:
             ValueError: See render_options.checked.
         """
-        options = checked(options, self.field.options)
+        options = self._checked(options)
         if self.device.is_cuda:
             camera = moved_aside(camera)  # on a CPU each ray is looked at
         fast = options.path == "auto" and options.half and not options.details
@@ -151,7 +158,7 @@ class Renderer:
         Raises:
             ValueError: See render_options.checked.
         """
-        options = checked(options, self.field.options)
+        options = self._checked(options)
         self._find_overlap(options)
         rays = empty_rays(len(origins), self.device)
         ball = ball_around(self.pose.vertices.numpy())
@@ -164,6 +171,11 @@ class Renderer:
         depth = pixels.depth.numpy() / np.maximum(opacity, 1e-6)
         return color, opacity, depth + np.where(opacity > 0.0, skipped, 0.0)
 
+    def _checked(self, options) -> RenderOptions:
+        options = checked(options, self.field.options)
+        self.pose.geometry.step = self.field.options.march_step * options.step_factor
+        return options
+
     def _find_overlap(self, options):
         """Prepare sorting and merging, if rays may be tangled."""
         with self.stage("overlap"):
@@ -172,29 +184,25 @@ class Renderer:
             self.merger.prepare()
             self.overlap.prepare()
 
-    def _trace(self, rays, options, entries=None):
-        """The Pixels of rays, and the number of samples; `_find_overlap` comes before.
-
-        `entries`, if given, are those of the rays into the mesh.
-        """
-        count = len(rays.origins)
+    def _trace(self, rays, options):
+        """The Pixels of rays, and the number of samples; `_find_overlap` comes before."""
+        count, entry_counts = len(rays.origins), rays.entries.count  # None if rays have to search
         pixels = empty_pixels(count, self.device, self.field.options.deferred)
-        ids = np.arange(count) if entries is None else np.flatnonzero(entries.count.numpy())
+        ids = np.arange(count) if entry_counts is None else np.flatnonzero(entry_counts.numpy())
         plain = wp.array(ids, dtype=int, device=self.device)
         tangled = wp.empty(0, dtype=int, device=self.device)
         if options.path == "merge":
             plain, tangled = tangled, plain
         elif self.overlap.exists():
             plain, tangled = self.overlap.sort_rays(rays, count)
-            if entries is not None:
+            if entry_counts is not None:
                 kept = plain.numpy()
-                plain = wp.array(kept[entries.count.numpy()[kept] != 0], dtype=int, device="cpu")
+                plain = wp.array(kept[entry_counts.numpy()[kept] != 0], dtype=int, device="cpu")
         sample_count = 0
         if len(tangled):
             with self.stage("merge"):
                 sample_count = self.merger.render(rays, tangled, pixels, options)
-        entries = entries or Entries()
-        sample_count += self.host_rounds.render(rays, entries, plain, pixels, options, self.stage)
+        sample_count += self.host_rounds.render(rays, plain, pixels, options, self.stage)
         return pixels, sample_count
 
     def _render_tiles(self, camera, options, rows) -> Image:
@@ -237,9 +245,10 @@ class Renderer:
                 move_aside(rays)
         else:  # of a far camera
             skipped = begin_at_ball(rays, *camera_rays(camera, first_pixel, count), ball)
-        with self.stage("march"):
-            entries = faces.entries(rays, first_pixel) if faces and faces.known else None
-        pixels, sample_count = self._trace(rays, options, entries)
+        if faces and faces.known:
+            with self.stage("march"):
+                faces.entries(rays, first_pixel)
+        pixels, sample_count = self._trace(rays, options)
         if ball is not None:
             pixels.depth.numpy()[:] += (1.0 - pixels.transmittance.numpy()) * skipped
         resolve(pixels, options.background, tile["color"], tile["depth"])
@@ -299,10 +308,8 @@ class Renderer:
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = self._windows = None  # frees their memory first
             capacity = -(-count // WAVEFRONT_PIXELS) * WAVEFRONT_PIXELS
-            self._wavefront = Wavefront(
-                self.pose, self._occupancy, self.shading, self.field.options, capacity
-            )
-            self._windows = WindowSlots(self.pose, self._occupancy, self._wavefront)
+            self._wavefront = Wavefront(self.pose, self.shading, self.field.options, capacity)
+            self._windows = WindowSlots(self.pose, self._wavefront)
         return self._wavefront
 
 

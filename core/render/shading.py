@@ -105,7 +105,7 @@ class Shading:
 
     def _shade_on_host(self, rays, found, options):
         wp.copy(self._host.rotations, self.rotations)
-        shaded = self._host.on_cpu.values(rays.to("cpu"), found.to("cpu"), options)
+        shaded = self._host.on_cpu.values(rays, found.to("cpu"), options)
         return tuple(array.to(self.device) for array in shaded)
 
     @cached_property

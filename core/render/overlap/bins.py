@@ -241,7 +241,6 @@ def is_apart(bins: Bins, tet: int, low: wp.vec2, high: wp.vec2):
 @wp.kernel
 def bits_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     tet_count: int,
     bins: Bins,
 ):
@@ -268,7 +267,7 @@ def bits_kernel(
         if not apart:
             bits |= bit
         if is_first:
-            if occupancy[tet] != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
+            if geometry.occupancy[tet] != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
                 solid |= bit
             if is_tangled_tet(geometry, tet):
                 tangled |= bit
@@ -282,9 +281,9 @@ def bits_kernel(
 class TetBins:
     """Makes the Bins of images, in `bins`."""
 
-    def __init__(self, pose: Pose, occupancy, buffers: Buffers, capacity: int):
+    def __init__(self, pose: Pose, buffers: Buffers, capacity: int):
         """`buffers` hold the rays, up to `capacity` of them."""
-        self._pose, self._occupancy, self._buffers = pose, occupancy, buffers
+        self._pose, self._buffers = pose, buffers
         self._making, self._layout = Recorded(pose.device), None
         tet_count = len(pose.tets)
         self._words = -(-tet_count // int(BITS))
@@ -323,5 +322,5 @@ class TetBins:
         wp.launch(outlines_kernel, tet_count, [pose.geometry, pose.tets, buffers, bins], **where)
         wp.utils.radix_sort_pairs(bins.nears, bins.tets, tet_count)
         wp.launch(bounds_kernel, self._most, [buffers, bins], **where)
-        inputs = [pose.geometry, self._occupancy, tet_count, bins]
+        inputs = [pose.geometry, tet_count, bins]
         wp.launch(bits_kernel, self._most * self._words, inputs, **where)

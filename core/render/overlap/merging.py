@@ -36,14 +36,11 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 class PieceMerger:
     """Renders tangled rays in the present pose."""
 
-    def __init__(self, pose: Pose, occupancy, shading, march_step: float):
-        self._pose, self._occupancy = pose, occupancy
-        self._shading, self._march_step = shading, march_step
+    def __init__(self, pose: Pose, shading):
+        self._pose, self._shading = pose, shading
         self._revision, self._boxes = -1, None
         self._untimed = StageTimer(pose.device)  # callers time the whole
-        self._windows = None
-        if pose.device.is_cpu:
-            self._windows = WindowRounds(pose, occupancy, shading, march_step)
+        self._windows = WindowRounds(pose, shading) if pose.device.is_cpu else None
 
     def prepare(self) -> wp.Bvh:
         """The BVH of all tets in the present pose, built unless it is there.
@@ -69,7 +66,7 @@ class PieceMerger:
             return shaded
         device = self._pose.device
         counts = wp.empty(count, dtype=int, device=device)
-        self._find_pieces(rays, ids, COUNT, counts, Pieces(), options)
+        self._find_pieces(rays, ids, COUNT, counts, Pieces())
         ends = np.cumsum(counts.numpy(), dtype=np.int64)
         most, first = CUDA_PIECES if device.is_cuda else CPU_PIECES, 0
         while first < count:
@@ -85,7 +82,7 @@ class PieceMerger:
     def _render_some(self, rays, ids, counts, total, pixels, options):
         device = self._pose.device
         pieces = empty_pieces(total, ids, counts)
-        self._find_pieces(rays, ids, WRITE, counts, pieces, options)
+        self._find_pieces(rays, ids, WRITE, counts, pieces)
         sigma, values = self._shading.shade(rays, pieces.found, options, self._untimed)
         if device.is_cuda and total:
             first, last = pieces.first_switches, pieces.last_switches
@@ -96,10 +93,9 @@ class PieceMerger:
         wp.launch(merge_kernel, len(ids), [pieces, sigma, values], [pixels, sums], device=device)
         self._shading.finish(ids, pixels, options)
 
-    def _find_pieces(self, rays, ids, purpose, counts, pieces, options):
+    def _find_pieces(self, rays, ids, purpose, counts, pieces):
         pose, boxes = self._pose, self._boxes.id
-        step = self._march_step * options.step_factor
-        inputs = [pose.geometry, self._occupancy, boxes, rays, ids, step, purpose, counts]
+        inputs = [pose.geometry, boxes, rays, ids, purpose, counts]
         wp.launch(pieces_kernel, len(ids), inputs, [pieces], device=pose.device)
 
 
@@ -150,16 +146,15 @@ def write_piece(
 @wp.kernel
 def pieces_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     boxes: wp.uint64,  # id of the BVH of all tets
     rays: Rays,
     ids: wp.array(dtype=int),  # [M]
-    step: float,  # Δ
     purpose: int,  # COUNT or WRITE
     counts: wp.array(dtype=int),  # [M] COUNT: out, pieces in occupied sub-tets; WRITE: in
     pieces: Pieces,  # WRITE: out
 ):
     i = wp.tid()
+    step = geometry.step
     ray = ids[i]
     origin = rays.origins[ray]
     direction = rays.directions[ray]
@@ -174,7 +169,7 @@ def pieces_kernel(
     query = wp.bvh_query_ray(boxes, origin, direction)
     tet = int(0)
     while wp.bvh_query_next(query, tet):
-        mask = occupancy[tet]
+        mask = geometry.occupancy[tet]
         if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
             alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in:

@@ -73,11 +73,9 @@ def next_piece(
 @wp.func
 def first_pieces(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     boxes: wp.uint64,  # id of the BVH of all tets
     origin: wp.vec3,
     direction: wp.vec3,
-    step: float,  # Δ
     start: float,
     limit: float,
     first_slot: int,
@@ -93,6 +91,7 @@ def first_pieces(
         or where the first piece begins that has no room.  All pieces that overlap the window are
         there, in any order.
     """
+    step = geometry.step
     count = int(0)
     end = float(limit)
     latest = int(0)  # slot of the piece that begins last, once all slots are taken
@@ -100,7 +99,7 @@ def first_pieces(
     query = wp.bvh_query_ray(boxes, origin + passed_by * direction, direction)
     tet = int(0)
     while wp.bvh_query_next(query, tet, end - passed_by):
-        mask = occupancy[tet]
+        mask = geometry.occupancy[tet]
         if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
             alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in and t_out > start and t_in < end:

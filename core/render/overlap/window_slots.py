@@ -103,12 +103,14 @@ def sort_listed_kernel(
     origin = buffers.rays.origins[ray]
     direction = buffers.rays.directions[ray]
     # A ray that meets no face may meet tets beyond the boundary, as many inverted as not.
-    meets_face = buffers.entries.count[ray] != 0
+    meets_face = buffers.rays.entries.count[ray] != 0
     tangled = meets_tangled_tet(geometry, bins, bin_of(bins, ray), origin, direction)
     if not tangled and meets_face and counts[wp.static(CROSSINGS)] > 0:
         tangled = is_inside_two_shells(geometry, origin, direction)
     if tangled:
-        buffers.entries.count[ray] = 0  # it does not use any, so search_slots_kernel leaves it out
+        buffers.rays.entries.count[ray] = (
+            0  # it does not use any, so search_slots_kernel leaves it out
+        )
         buffers.rays.t[ray] = 0.0
         buffers.pixels.color[ray] = wp.vec3()
         buffers.pixels.depth[ray] = 0.0
@@ -121,9 +123,7 @@ def sort_listed_kernel(
 @wp.func
 def march_window(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     bins: Bins,
-    step: float,  # Δ
     buffers: Buffers,
     windows: Windows,
     i: int,
@@ -133,6 +133,7 @@ def march_window(
 
     The next window begins where the first piece does that has no room.
     """
+    step = geometry.step
     state = buffers.state
     stride = state[STRIDE]
     most = state[PER_RAY]
@@ -180,7 +181,7 @@ def march_window(
                 piece, begin, until, bary = next_piece(
                     piece,
                     piece_count,
-                    occupancy[tet],
+                    geometry.occupancy[tet],
                     alpha,
                     slope,
                     near,
@@ -236,8 +237,6 @@ def march_window(
 @wp.kernel
 def march_windows_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
     buffers: Buffers,
     windows: Windows,
     bins: Bins,
@@ -252,9 +251,9 @@ def march_windows_kernel(
         return
     ray = buffers.lists[state[PARITY], i]
     if windows.places[ray] == PLAIN_RAY:
-        march_known(geometry, occupancy, step, buffers, i, ray)
+        march_known(geometry, buffers, i, ray)
     else:
-        count = march_window(geometry, occupancy, bins, step, buffers, windows, i, ray)
+        count = march_window(geometry, bins, buffers, windows, i, ray)
         buffers.counts[i] = count
 
 
@@ -360,10 +359,10 @@ def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows, _b
 class WindowSlots:
     """Renders images of a wavefront in poses that overlap themselves."""
 
-    def __init__(self, pose: Pose, occupancy, wavefront: Wavefront):
+    def __init__(self, pose: Pose, wavefront: Wavefront):
         self._pose, self._wavefront = pose, wavefront
         capacity, device = wavefront.capacity, pose.device
-        self._bins = TetBins(pose, occupancy, wavefront.buffers, capacity)
+        self._bins = TetBins(pose, wavefront.buffers, capacity)
         self._windows = windows = Windows()
         with wp.ScopedDevice(device):
             windows.places = wp.empty(capacity, dtype=int)

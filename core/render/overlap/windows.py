@@ -12,7 +12,7 @@ Shapes: R rays, M of them tangled, K slots per ray, T tets.
 import numpy as np
 import warp as wp
 
-from ..rays.marching import Rays, Samples, empty_samples
+from ..rays.marching import Rays, Round, empty_round
 from ..rays.pose import Geometry, Pose
 from ..rounds.compositing import Pixels, ray_sums
 from ..rounds.cpu import NativeShading, shade_native, trace_kernel
@@ -31,27 +31,22 @@ CROWDED = wp.constant(-1.0)  # as a window's length
 @wp.kernel(enable_backward=False, module=trace_kernel.module)
 def trace_windows_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     boxes: wp.uint64,  # id of the BVH of all tets
     box_low: wp.vec3,  # of all vertices
     box_high: wp.vec3,
     rays: Rays,
-    step: float,  # Δ
     lengths: wp.array(dtype=float),  # [R] in: of the first window; out: CROWDED, or not
-    alive: wp.array(dtype=int),  # [M] in: which rays; out: those that are left
-    samples: Samples,  # room for slots
-    highs: wp.array(dtype=float),  # likewise
-    counts: wp.array(dtype=int),  # room for samples of each ray
+    round: Round,  # in: all tangled rays, and slots; out: those that are left
     shading: NativeShading,
     pixels: Pixels,
     totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
 ):
-    """All windows of the rays `alive`, by one thread."""
-    count = alive.shape[0]
+    """All windows of the rays of a list, by one thread."""
+    count = round.alive.shape[0]
     sample_count = int(0)
     i = int(0)
     while i < count:  # another path may have had them before
-        ray = alive[i]
+        ray = round.alive[i]
         rays.t[ray] = 0.0
         pixels.color[ray] = wp.vec3()
         if pixels.sums.shape[0] > 0:
@@ -62,13 +57,13 @@ def trace_windows_kernel(
         pixels.sample_count[ray] = 0
         i += 1
     while count > 0:
-        first = int(0)
         left = int(0)
-        while first < count:
-            some = wp.min(counts.shape[0], count - first)
+        round.first = 0
+        while round.first < count:
+            round.ray_count = wp.min(round.counts.shape[0], count - round.first)
             i = int(0)
-            while i < some:
-                ray = alive[first + i]
+            while i < round.ray_count:
+                ray = round.alive[round.first + i]
                 origin = rays.origins[ray]
                 direction = rays.directions[ray]
                 start = float(rays.t[ray])
@@ -82,24 +77,22 @@ def trace_windows_kernel(
                     limit = wp.min(start + length, last)
                     found, front, end = first_pieces(
                         geometry,
-                        occupancy,
                         boxes,
                         origin,
                         direction,
-                        step,
                         start,
                         limit,
                         i * SLOTS,
                         1,
                         SLOTS,
-                        samples,
-                        highs,
+                        round.samples,
+                        round.highs,
                     )
                     crowded = end < limit and end - start < SHORTEST * wp.max(start, 1.0)
                     if found == 0:
                         length = FAR  # to the other side of a gap
                     elif found == SLOTS:
-                        length = wp.max(SHORTER * (end - front), step)
+                        length = wp.max(SHORTER * (end - front), geometry.step)
                     elif found < FEW:
                         length *= GROWTH
                 if crowded:
@@ -109,27 +102,12 @@ def trace_windows_kernel(
                 lengths[ray] = length
                 rays.t[ray] = end
                 rays.tet[ray] = wp.where(end < last, 0, OUTSIDE)
-                counts[i] = found
+                round.counts[i] = found
                 sample_count += found
                 i += 1
-            # It writes behind what it reads of `alive`.
-            shade_native(
-                rays,
-                alive,
-                first,
-                some,
-                samples,
-                highs,
-                counts,
-                SLOTS,
-                shading,
-                pixels,
-                left,
-                alive,
-                totals,
-            )
+            shade_native(rays, round, shading, pixels, left, totals)
             left = totals[0]
-            first += some
+            round.first += round.ray_count
         count = left
     totals[1] = sample_count
 
@@ -137,9 +115,8 @@ def trace_windows_kernel(
 class WindowRounds:
     """Renders tangled rays on the CPU, in any number of threads at once."""
 
-    def __init__(self, pose: Pose, occupancy, shading, march_step: float):
-        self._pose, self._occupancy, self._march_step = pose, occupancy, march_step
-        self._shader = shading.on_cpu
+    def __init__(self, pose: Pose, shading):
+        self._pose, self._shader = pose, shading.on_cpu
 
     def render(self, boxes, rays: Rays, ids, pixels: Pixels, options):
         """Fill the pixels of the rays `ids` [M].
@@ -154,15 +131,14 @@ class WindowRounds:
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         if not np.isfinite([low, high]).all():
             return ids, 0
-        room = min(AT_ONCE, len(ids))
-        step = self._march_step * options.step_factor
-        lengths = wp.full(len(rays.t), FIRST_STEPS * step, dtype=float, device="cpu")
-        alive, samples = wp.clone(ids), empty_samples(room * SLOTS, "cpu")
-        highs = wp.empty(room * SLOTS, dtype=float, device="cpu")
-        counts = wp.empty(room, dtype=int, device="cpu")
+        geometry, ray_count = self._pose.geometry, min(AT_ONCE, len(ids))
+        capacity = ray_count * SLOTS
+        round = empty_round(wp.clone(ids), ray_count, capacity)
+        round.highs = wp.empty(capacity, dtype=float, device="cpu")
+        length = FIRST_STEPS * geometry.step
+        lengths = wp.full(len(rays.t), length, dtype=float, device="cpu")
         totals = wp.zeros(2, dtype=int, device="cpu")
-        inputs = [self._pose.geometry, self._occupancy, boxes.id, wp.vec3(*low), wp.vec3(*high)]
-        inputs += [rays, step, lengths, alive, samples, highs, counts]
+        inputs = [geometry, boxes.id, wp.vec3(*low), wp.vec3(*high), rays, lengths, round]
         inputs += [self._shader.of_launch(options), pixels]
         wp.launch(trace_windows_kernel, 1, inputs, [totals], device="cpu")
         chosen = ids.numpy()

@@ -6,6 +6,13 @@
 // lattice (core/geometry/subdivision.py): a cube of a quarter of the tet, and the order of the
 // fractions in it.
 #if !defined(__CUDA_ARCH__)
+const auto& entries = rays.entries;
+const auto& alive = round.alive;
+const auto& samples = round.samples;
+const auto& counts = round.counts;
+const int first = round.first, ray_count = round.ray_count, slot_count = round.slot_count;
+const float step = geometry.step;
+static const int paths[] = {@PATHS};  // lattice_paths
 #include "lanes.h"
 struct alignas(sizeof(Lanes)) Numbers { float at[LANES]; };
 struct alignas(sizeof(Lanes)) Integers { int at[LANES]; };
@@ -92,7 +99,7 @@ auto enter_tets = [&](Ints entering) {
         for (int i = 0; i < 12; ++i) row[i].at[lane] = rows[i / 4][i % 4];
         const auto* const shapes = geometry.shapes.data + 2 * k;
         for (int i = 0; i < 7; ++i) shape[i].at[lane] = shapes[i / 4][i % 4];
-        masks[lane] = occupancy.data[k];
+        masks[lane] = geometry.occupancy.data[k];
     });
     Lanes q[3], a[4], s[4];
     for (int k = 0; k < 3; ++k) {
@@ -191,9 +198,9 @@ auto find_subtets = [&](Ints going) -> Ints {
         smaller(larger(ahead * all(speed) / step, zero), Lanes(@MOST_PIECES));
     const Ints last = all(piece) + 1 + __builtin_convertvector(further, Ints);
     each(going, [&](int lane) {
-        const int subtet = paths.data[place.at[lane]];
+        const int subtet = paths[place.at[lane]];
         occupied.at[lane] = masks[lane] >> subtet & 1 ? -1 : 0;
-        expected.at[lane] = densities.data[@SUBTET_COUNT * tet.at[lane] + subtet];
+        expected.at[lane] = geometry.densities.data[@SUBTET_COUNT * tet.at[lane] + subtet];
     });
     all(expected) *= all(fade);
     return smaller(last, all(piece_count));

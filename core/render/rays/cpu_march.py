@@ -15,16 +15,7 @@ import warp as wp
 
 from ...base.native import LANES_H, native_source
 from ...field import SUBTET_COUNT, subtets_of
-from .entries import Entries
-from .marching import (
-    FEWEST_AT_ONCE,
-    FILL_SLOTS,
-    MIDDLE,
-    MOST_PIECES,
-    Rays,
-    Samples,
-    march_ray,
-)
+from .marching import FEWEST_AT_ONCE, MOST_PIECES, Rays, Round, march_ray
 from .pose import Geometry
 from .traversal import ENTRY_SLACK, MAX_TETS, SMALLEST_ADVANCE
 
@@ -62,85 +53,38 @@ def lattice_paths():
             "FEWEST_AT_ONCE": f"{float(FEWEST_AT_ONCE)}f",
             "SMALLEST_ADVANCE": f"{float(SMALLEST_ADVANCE)}f",
             "SUBTET_COUNT": SUBTET_COUNT,
+            "PATHS": ", ".join(map(str, lattice_paths())),
         },
     )
 )
 def march_native(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),
     rays: Rays,
-    alive: wp.array(dtype=int),
-    first: int,
-    ray_count: int,
-    step: float,
-    slot_count: int,
-    paths: wp.array(dtype=int),
-    densities: wp.array(dtype=float),
+    round: Round,
     transmittance: wp.array(dtype=float),
     stop: float,
-    samples: Samples,
-    counts: wp.array(dtype=int),
 ): ...
 
 
 @wp.func
 def march_some(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    alive: wp.array(dtype=int),
-    first: int,  # of `alive`
-    count: int,  # rays
-    step: float,  # Δ
-    slot_count: int,  # K
-    paths: wp.array(dtype=int),  # `lattice_paths`
-    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
+    round: Round,  # samples and counts are out
     transmittance: wp.array(dtype=float),  # [R]
     stop: float,  # transmittance below which a ray ends
-    samples: Samples,  # out: [count · K]
-    counts: wp.array(dtype=int),  # [count] out: samples of each ray
 ):
-    """`march_ray` for alive[first], ..., to where each is expected to end."""
-    searching = entries.count.shape[0] == 0
+    """`march_ray` for the rays of a round, to where each is expected to end."""
+    searching = rays.entries.count.shape[0] == 0
     if not searching:
-        march_native(
-            geometry,
-            entries,
-            occupancy,
-            rays,
-            alive,
-            first,
-            count,
-            step,
-            slot_count,
-            paths,
-            densities,
-            transmittance,
-            stop,
-            samples,
-            counts,
-        )
+        march_native(geometry, rays, round, transmittance, stop)
+    k = round.slot_count
     i = int(0)
-    while i < count:
-        if searching or counts[i] < 0:
-            ray = alive[first + i]
-            counts[i] = march_ray(
-                geometry,
-                entries,
-                occupancy,
-                rays,
-                ray,
-                step,
-                MIDDLE,
-                FILL_SLOTS,
-                i * slot_count,
-                1,
-                slot_count,
-                samples,
-                densities,
-                wp.log(transmittance[ray] / stop),
-                True,
+    while i < round.ray_count:
+        if searching or round.counts[i] < 0:
+            ray = round.alive[round.first + i]
+            depth = wp.log(transmittance[ray] / stop)
+            round.counts[i] = march_ray(
+                geometry, rays, ray, round.samples, i * k, 1, k, depth_left=depth
             )
         i += 1

@@ -52,6 +52,7 @@ class Rays:
     tet: wp.array(dtype=int)  # [R] -1: outside the mesh, -2: finished
     entry_face: wp.array(dtype=int)  # [R] of the tet, -1 if it came through the boundary
     piece: wp.array(dtype=int)  # [R] the tet's pieces already done
+    entries: Entries  # [R]
     first: int  # number of ray 0; the number of a ray seeds its jitter
 
 
@@ -63,6 +64,19 @@ class Samples:
     bary: wp.array(dtype=wp.vec4)
     length: wp.array(dtype=float)  # s_k times the piece's rest length: optical depth / σ
     t: wp.array(dtype=float)  # of the piece's middle
+
+
+@wp.struct
+class Round:
+    """Some rays of a list, and slots for their samples, on a CPU."""
+
+    alive: wp.array(dtype=int)  # the list: numbers of rays
+    first: int  # of them
+    ray_count: int
+    slot_count: int  # K
+    samples: Samples  # [ray_count · K]
+    highs: wp.array(dtype=float)  # likewise, where samples end that overlap; else empty
+    counts: wp.array(dtype=int)  # [ray_count] samples of each ray
 
 
 @wp.struct
@@ -95,29 +109,35 @@ def empty_samples(count: int, device: wp.DeviceLike) -> Samples:
     return samples
 
 
+def empty_round(alive, ray_count: int, capacity: int) -> Round:
+    """A round of at most `ray_count` rays of a list, with `capacity` slots for all of them."""
+    round = Round()
+    round.alive, round.ray_count, round.slot_count = alive, ray_count, capacity // max(ray_count, 1)
+    round.samples = empty_samples(capacity, "cpu")
+    round.counts = wp.empty(ray_count, dtype=int, device="cpu")
+    return round
+
+
 @wp.func
 def march_ray(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
     ray: int,
-    step: float,  # Δ
-    seed: int,  # MIDDLE, or the seed of the jitter
-    purpose: int,  # FILL_SLOTS, COUNT, or WRITE
+    samples: Samples,  # out
     first_slot: int,
     slot_spacing: int,  # from one slot of this ray to the next
     limit: int,  # slots
-    samples: Samples,  # out
-    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets; not read with ANY_DEPTH
-    depth_left: float,  # expected optical depth after which a round has samples enough
-    searches: bool,  # see next_entry
+    seed: int = MIDDLE,  # or the seed of the jitter
+    purpose: int = FILL_SLOTS,  # COUNT, or WRITE
+    depth_left: float = ANY_DEPTH,  # expected optical depth after which a round has samples enough
+    searches: bool = True,  # see next_entry
 ):
     """One round of one ray; returns the number of its samples.
 
     FILL_SLOTS stores how far the ray has come; COUNT and WRITE do not.  A ray that is expected to
     be opaque ends its round before `limit`: samples behind that are seldom evaluated for nothing.
     """
+    step = geometry.step
     origin = rays.origins[ray]
     direction = rays.directions[ray]
     t = rays.t[ray]
@@ -132,7 +152,7 @@ def march_ray(
     while tet > -2 and count < most:
         # Two loops, so that on CUDA a warp's rays search together and then walk together.
         if tet == -1:
-            found, entry_t = next_entry(geometry, entries, ray, origin, direction, t, searches)
+            found, entry_t = next_entry(geometry, rays.entries, ray, origin, direction, t, searches)
             t = entry_t
             entry_face = -1
             piece = 0
@@ -144,7 +164,7 @@ def march_ray(
             face, distance = exit_tet(alpha, slope, entry_face)
             stuck = tets_left <= 0 or face < 0  # it walks in circles, or in a flat tet
             link = link_across(geometry, tet, face)
-            mask = occupancy[tet]
+            mask = geometry.occupancy[tet]
             entry = entry_of(alpha, slope, t)
             rest_length = wp.max(distance - entry, 0.0) * speed
             piece_count = int(wp.ceil(rest_length / step))
@@ -164,7 +184,7 @@ def march_ray(
                     room = most - count
                     expected = float(0.0)  # extinction per rest length
                     if depth_left < ANY_DEPTH:
-                        expected = fade * densities[wp.static(SUBTET_COUNT) * tet + subtet]
+                        expected = fade * geometry.densities[wp.static(SUBTET_COUNT) * tet + subtet]
                         enough = wp.max(depth, 0.0) / wp.max(expected * step, 1.0e-9)
                         enough = wp.max(wp.min(enough, MOST_PIECES) + 1.0, FEWEST_AT_ONCE)
                         room = wp.min(room, int(enough))
@@ -203,11 +223,8 @@ def march_ray(
 @wp.kernel
 def march_kernel(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
     alive: wp.array(dtype=int),  # [threads] ray of each thread
-    step: float,  # Δ
     slot_count: int,  # K
     seed: int,  # MIDDLE, or the seed of the jitter
     samples: Samples,  # [threads · K] out
@@ -216,21 +233,7 @@ def march_kernel(
     """One round for each ray."""
     i = wp.tid()
     counts[i] = march_ray(
-        geometry,
-        entries,
-        occupancy,
-        rays,
-        alive[i],
-        step,
-        seed,
-        FILL_SLOTS,
-        i * slot_count,
-        1,
-        slot_count,
-        samples,
-        samples.length,
-        ANY_DEPTH,
-        True,
+        geometry, rays, alive[i], samples, i * slot_count, 1, slot_count, seed=seed
     )
 
 

@@ -35,7 +35,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 
 @wp.struct
 class Geometry:
-    """The mesh on a device, refreshed per pose.
+    """What rays march through, on a device: the mesh, refreshed per pose, and where it is dense.
 
     A tet has three `rows`, the gradients of its last three coordinates, each followed by a
     component of its corner 0, the point that they are counted from: thin tets have large
@@ -54,6 +54,10 @@ class Geometry:
     shapes: wp.array(dtype=wp.vec4)  # [2 T]
     rotations: wp.array(dtype=wp.mat33)  # [T]
     mirrored_count: wp.array(dtype=int)  # [1]
+    # Set by the owner of the pose:
+    occupancy: wp.array(dtype=wp.uint64)  # [T] masks of the sub-tets that can hold density
+    densities: wp.array(dtype=float)  # [64 T] σ that is expected in sub-tets, on a CPU alone
+    step: float  # Δ, the rest length of a piece
 
 
 def links(neighbours):

@@ -3,6 +3,7 @@
 // pixels beside it.  `crossing_of` and `meets_edge` in entries.py are the same ray by ray.
 #if !defined(__CUDA_ARCH__)
 #include "lanes.h"
+const auto& entries = rays.entries;
 const int ray_count = rays.tet.shape[0], last_ray = ray_count - 1;
 const Lanes zero = 0.0f;
 

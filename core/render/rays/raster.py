@@ -50,16 +50,15 @@ class FaceRectangles:
         return work
 
     def entries(self, rays: Rays, first_pixel: int) -> Entries:
-        """All entries of the rays of the pixels first_pixel, first_pixel + 1, ..."""
+        """All entries of the rays of the pixels first_pixel, ..., which keep them."""
         count = len(rays.tet)
-        entries = empty_entries(count, "cpu")
+        entries = rays.entries = empty_entries(count, "cpu")
         exits = wp.zeros(count, dtype=int, device="cpu")
         entries.count.zero_()
         entries.next.zero_()
         by_component = wp.empty(6 * (count + MOST_LANES), dtype=float, device="cpu")
         inputs = [self._pose.geometry, self._rectangles, self._width, first_pixel, rays]
-        inputs += [by_component]
-        wp.launch(raster_kernel, 1, inputs, [entries, exits], device="cpu")
+        wp.launch(raster_kernel, 1, inputs, [by_component, exits], device="cpu")
         counts = entries.count.numpy()
         counts[(counts != exits.numpy()) | (counts > int(MOST_ENTRIES))] = UNKNOWN
         return entries
@@ -109,7 +108,6 @@ def raster_native(
     first_pixel: int,
     rays: Rays,
     by_component: wp.array(dtype=float),
-    entries: Entries,
     exits: wp.array(dtype=int),
 ): ...
 
@@ -120,13 +118,10 @@ def raster_kernel(
     rectangles: wp.array(dtype=wp.vec4i),  # [B] `bounding_rectangles`
     width: int,  # of the image
     first_pixel: int,  # of ray 0
-    rays: Rays,  # [R]
+    rays: Rays,  # [R] their entries are added to
     by_component: wp.array(dtype=float),  # [6 (R + lanes)] room
-    entries: Entries,  # added to
     exits: wp.array(dtype=int),  # [R] added to
 ):
     """Add all faces' crossings to the rays of their rectangles, by one thread."""
     facing = orientation(geometry)
-    raster_native(
-        geometry, rectangles, facing, width, first_pixel, rays, by_component, entries, exits
-    )
+    raster_native(geometry, rectangles, facing, width, first_pixel, rays, by_component, exits)

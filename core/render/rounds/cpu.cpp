@@ -6,6 +6,10 @@
 // Where `highs` has numbers, samples overlap: samples.t is where one begins, highs where it ends,
 // and samples.length the factor from its density to its extinction.
 #if !defined(__CUDA_ARCH__)
+const auto& alive = round.alive;
+const auto& samples = round.samples;
+const auto& highs = round.highs;
+const auto& counts = round.counts;
 const auto& tables = shading.tables;
 const auto& table = shading.table;
 const auto& words = shading.bytes.words;
@@ -341,7 +345,7 @@ auto finish_chunk = [&]() {
         pixels.transmittance.data[ray] = transmittance;
         pixels.sample_count.data[ray] += runs[i].count;
         if (!dark && rays.tet.data[ray] > -2)
-            still_alive.data[left_count++] = ray;
+            alive.data[left_count++] = ray;  // compacted: at or before the place that is read
         else if (deferred && transmittance < 1.0f)
             active[ended_count++] = ray;
     }
@@ -349,12 +353,12 @@ auto finish_chunk = [&]() {
     run_count = count = 0;
 };
 
-for (int i = 0; i < alive_count; ++i) {
+for (int i = 0; i < round.ray_count; ++i) {
     const int ray_count = counts.data[i];
     if (run_count == CHUNK || count + ray_count > CHUNK) finish_chunk();
-    runs[run_count++] = {alive.data[first_alive + i], count, ray_count, 0, 0.0f, 0.0f};
-    for (int k = 0; k < ray_count; ++k) slots[count++] = i * slot_count + k;
+    runs[run_count++] = {alive.data[round.first + i], count, ray_count, 0, 0.0f, 0.0f};
+    for (int k = 0; k < ray_count; ++k) slots[count++] = i * round.slot_count + k;
 }
 finish_chunk();
-still_alive_count.data[0] = left_count;
+totals.data[0] = left_count;
 #endif

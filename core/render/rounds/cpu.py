@@ -26,9 +26,15 @@ from ...field import (
     native_networks,
     table_in_bytes,
 )
-from ..rays.cpu_march import lattice_paths, march_some
-from ..rays.entries import Entries
-from ..rays.marching import Rays, RaySamples, Samples, empty_rays, empty_samples
+from ..rays.cpu_march import march_some
+from ..rays.marching import (
+    Rays,
+    RaySamples,
+    Round,
+    Samples,
+    empty_rays,
+    empty_round,
+)
 from ..rays.pose import Geometry, Pose
 from ..render_options import RenderOptions
 from .compositing import Pixels, empty_pixels
@@ -78,129 +84,60 @@ class NativeShading:
 )
 def shade_native(
     rays: Rays,
-    alive: wp.array(dtype=int),
-    first_alive: int,
-    alive_count: int,
-    samples: Samples,
-    highs: wp.array(dtype=float),
-    counts: wp.array(dtype=int),
-    slot_count: int,
+    round: Round,
     shading: NativeShading,
     pixels: Pixels,
     left_before: int,
-    still_alive: wp.array(dtype=int),
-    still_alive_count: wp.array(dtype=int),
+    totals: wp.array(dtype=int),
 ): ...
 
 
 @wp.kernel(enable_backward=False)
 def march_some_kernel(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    step: float,  # Δ
-    slot_count: int,  # K
-    paths: wp.array(dtype=int),  # `lattice_paths`
-    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
+    round: Round,  # its samples and counts are out
     stop: float,
     transmittance: wp.array(dtype=float),  # [R]
-    alive: wp.array(dtype=int),  # [R]
-    samples: Samples,  # out
-    counts: wp.array(dtype=int),  # [R] out: samples of each ray
 ):
-    """A round's march of the rays `alive`, by one thread."""
-    march_some(
-        geometry,
-        entries,
-        occupancy,
-        rays,
-        alive,
-        0,
-        alive.shape[0],
-        step,
-        slot_count,
-        paths,
-        densities,
-        transmittance,
-        stop,
-        samples,
-        counts,
-    )
+    """A round's march, by one thread."""
+    march_some(geometry, rays, round, transmittance, stop)
 
 
 @wp.kernel(enable_backward=False)
 def trace_kernel(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    step: float,  # Δ
-    round_slots: wp.array(dtype=int),  # K by round; the last one for all that follow
-    is_marched: int,  # 1: samples and counts are those of the only round
-    paths: wp.array(dtype=int),  # `lattice_paths`
-    densities: wp.array(dtype=float),  # [64 T] expected σ of sub-tets
-    alive: wp.array(dtype=int),  # [R] in; out: those that are left
-    samples: Samples,  # the slots of some rays
-    highs: wp.array(dtype=float),  # [slots] where samples end that overlap; else empty
-    counts: wp.array(dtype=int),  # samples of each of these rays
+    round: Round,  # in: all rays, and slots; out: those that are left
+    round_slots: wp.array(dtype=int),  # K by round; empty: what is in the slots is all there is
     shading: NativeShading,
     pixels: Pixels,
     totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
 ):
-    """All rounds of the rays `alive`, by one thread; `accumulate_kernel` says how a round ends."""
-    count = alive.shape[0]
+    """All rounds of the rays of a list, by one thread; `accumulate_kernel` says how one ends."""
+    is_marched = round_slots.shape[0] == 0
+    count = round.alive.shape[0]
     number = int(0)
     sample_count = int(0)
     while count > 0:
-        slot_count = round_slots[wp.min(number, round_slots.shape[0] - 1)]
-        most = samples.tet.shape[0] / slot_count
-        first = int(0)
+        if not is_marched:
+            round.slot_count = round_slots[wp.min(number, round_slots.shape[0] - 1)]
+        most = round.samples.tet.shape[0] / round.slot_count
         left = int(0)
-        while first < count:
-            some = wp.min(most, count - first)
-            if is_marched == 0:
-                march_some(
-                    geometry,
-                    entries,
-                    occupancy,
-                    rays,
-                    alive,
-                    first,
-                    some,
-                    step,
-                    slot_count,
-                    paths,
-                    densities,
-                    pixels.transmittance,
-                    shading.stop,
-                    samples,
-                    counts,
-                )
+        round.first = 0
+        while round.first < count:
+            round.ray_count = wp.min(most, count - round.first)
+            if not is_marched:
+                march_some(geometry, rays, round, pixels.transmittance, shading.stop)
             i = int(0)
-            while i < some:
-                sample_count += counts[i]
+            while i < round.ray_count:
+                sample_count += round.counts[i]
                 i += 1
-            # Compacts `alive` in place: the write index never passes the read index.
-            shade_native(
-                rays,
-                alive,
-                first,
-                some,
-                samples,
-                highs,
-                counts,
-                slot_count,
-                shading,
-                pixels,
-                left,
-                alive,
-                totals,
-            )
+            shade_native(rays, round, shading, pixels, left, totals)
             left = totals[0]
-            first += some
+            round.first += round.ray_count
         number += 1
-        count = wp.where(is_marched == 1, 0, left)
+        count = wp.where(is_marched, 0, left)
     totals[1] = sample_count
 
 
@@ -259,87 +196,73 @@ class CpuShader:
 
         Each sample is the only one of ray n and has no end, so its weight is 1.
         """
-        count, endless = len(samples.tet), Samples()
-        endless.tet, endless.bary = samples.tet, samples.bary
-        endless.t = wp.zeros(count, dtype=float, device="cpu")
-        sigma, endless.length, highs = (
-            wp.full(count, value, dtype=float, device="cpu") for value in (0.0, 1.0, FAR)
-        )
-        alive = wp.array(np.arange(count), dtype=int, device="cpu")
-        counts = wp.full(count, 1, dtype=int, device="cpu")
+        count = len(samples.tet)
+        round = empty_round(wp.array(np.arange(count), dtype=int, device="cpu"), count, count)
+        round.samples.tet, round.samples.bary = samples.tet, samples.bary
+        round.samples.t.zero_()
+        round.samples.length.fill_(1.0)
+        round.highs = wp.full(count, FAR, dtype=float, device="cpu")
+        round.counts.fill_(1)
         shading = self.of_launch(replace(options, termination=0.0))
-        shading.extinctions = sigma
-        if count:
-            self.add(rays, alive, endless, counts, pixels, shading, highs)
+        sigma = shading.extinctions = wp.zeros(count, dtype=float, device="cpu")
+        self.add(rays, round, pixels, shading)
         return sigma
 
     def color(self, ids, pixels: Pixels, options):
         """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
-        rays, count = Rays(), len(ids)
+        rays, round = Rays(), empty_round(wp.clone(ids), len(ids), len(ids))
         rays.tet = wp.full(len(pixels.transmittance), -2, dtype=int, device="cpu")  # at their ends
-        counts, slots = wp.zeros(count, dtype=int, device="cpu"), empty_samples(count, "cpu")
-        shading = self.of_launch(replace(options, termination=0.0))
-        self.add(rays, ids, slots, counts, pixels, shading)
+        round.counts.zero_()
+        self.add(rays, round, pixels, self.of_launch(replace(options, termination=0.0)))
 
-    def add(self, rays: Rays, alive, slots: Samples, counts, pixels: Pixels, shading, highs=None):
-        """Add samples in slots to the pixels of the rays `alive`.
+    def add(self, rays: Rays, round: Round, pixels: Pixels, shading):
+        """Add the samples of a round to the pixels.
 
         Args:
+            round: Its list becomes that of the rays that are left.
             shading: See `of_launch`.
-            highs: Where samples end, if they overlap; see cpu.cpp.
 
         Returns:
             The rays that are left, and the number of samples.
         """
-        alive, nothing = wp.clone(alive), wp.empty(0, dtype=int, device="cpu")
-        none, totals = wp.empty(0, dtype=float, device="cpu"), wp.zeros(2, dtype=int, device="cpu")
-        slot_count = len(slots.tet) // max(len(alive), 1)
-        assert slot_count <= CHUNK, slot_count
-        inputs = [Geometry(), Entries(), wp.empty(0, dtype=wp.uint64, device="cpu"), rays, 0.0]
-        inputs += [wp.full(1, slot_count, dtype=int, device="cpu"), 1, nothing, none, alive, slots]
-        inputs += [none if highs is None else highs, counts, shading, pixels]
+        assert round.slot_count <= CHUNK, round.slot_count
+        totals = wp.zeros(2, dtype=int, device="cpu")
+        inputs = [Geometry(), rays, round, None, shading, pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
         left, sample_count = totals.numpy().tolist()
-        return alive[:left], sample_count
+        return round.alive[:left], sample_count
 
 
 class CpuRounds:
     """Traces rays of one field, in any number of threads at once."""
 
-    def __init__(self, pose: Pose, occupancy, shading, march_step: float):
-        self._pose, self._occupancy, self._march_step = pose, occupancy, march_step
-        self._shader = shading.on_cpu
+    def __init__(self, pose: Pose, shading):
+        self._pose, self._shader = pose, shading.on_cpu
         self._round_slots = wp.array(ROUND_SLOTS, dtype=int, device="cpu")
-        self._no_highs = wp.empty(0, dtype=float, device="cpu")
-        self._paths = wp.array(lattice_paths(), dtype=int, device="cpu")
-        self._densities = shading.densities
 
-    def trace(self, rays: Rays, entries, alive, pixels: Pixels, options) -> int:
+    def trace(self, rays: Rays, alive, pixels: Pixels, options) -> int:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
         if not len(alive):
             return 0
-        most = min(SLOTS, max(ROUND_SLOTS) * len(alive))
-        samples = empty_samples(most, "cpu")
-        counts = wp.empty(min(len(alive), most // min(ROUND_SLOTS)), dtype=int, device="cpu")
+        capacity = min(SLOTS, max(ROUND_SLOTS) * len(alive))
+        ray_count = min(len(alive), capacity // min(ROUND_SLOTS))
+        round = empty_round(wp.clone(alive), ray_count, capacity)
         totals = wp.zeros(2, dtype=int, device="cpu")
-        step = self._march_step * options.step_factor
-        inputs = [self._pose.geometry, entries, self._occupancy, rays, step, self._round_slots, 0]
-        inputs += [self._paths, self._densities, wp.clone(alive), samples, self._no_highs, counts]
+        inputs = [self._pose.geometry, rays, round, self._round_slots]
         inputs += [self._shader.of_launch(options), pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
         return int(totals.numpy()[1])
 
-    def march(self, rays: Rays, entries, alive, slot_count, pixels: Pixels, options):
+    def march(self, rays: Rays, alive, slot_count, pixels: Pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
-        slots = empty_samples(len(alive) * slot_count, "cpu")
-        counts = wp.empty(len(alive), dtype=int, device="cpu")
-        step = self._march_step * options.step_factor
-        inputs = [self._pose.geometry, entries, self._occupancy, rays, step, slot_count]
-        inputs += [self._paths, self._densities, options.stop, pixels.transmittance, alive]
-        wp.launch(march_some_kernel, 1, inputs, [slots, counts], device="cpu")
-        return slots, counts
+        round = empty_round(alive, len(alive), len(alive) * slot_count)
+        inputs = [self._pose.geometry, rays, round, options.stop, pixels.transmittance]
+        wp.launch(march_some_kernel, 1, inputs, device="cpu")
+        return round.samples, round.counts
 
     def shade(self, rays: Rays, alive, slots: Samples, counts, pixels: Pixels, options):
         """Add a round's samples to the pixels: the rays that are left, the number of samples."""
-        shading = self._shader.of_launch(options)
-        return self._shader.add(rays, alive, slots, counts, pixels, shading)
+        round = Round()
+        round.alive, round.slot_count = wp.clone(alive), len(slots.tet) // len(alive)
+        round.samples, round.counts = slots, counts
+        return self._shader.add(rays, round, pixels, self._shader.of_launch(options))

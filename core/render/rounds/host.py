@@ -29,20 +29,14 @@ wp.set_module_options({"enable_backward": False})
 class HostRounds:
     """Renders rays that are not tangled in the present pose."""
 
-    def __init__(self, pose: Pose, occupancy, shading, march_step: float):
-        self._pose, self._occupancy = pose, occupancy
-        self._shading, self._march_step = shading, march_step
-        self._on_cpu = None
-        if pose.device.is_cpu:
-            self._on_cpu = CpuRounds(pose, occupancy, shading, march_step)
+    def __init__(self, pose: Pose, shading):
+        self._pose, self._shading = pose, shading
+        self._on_cpu = CpuRounds(pose, shading) if pose.device.is_cpu else None
 
-    def render(self, rays: Rays, entries, alive, pixels: Pixels, options, stage) -> int:
-        """Add the rays `alive` to the pixels, to their ends; returns the number of samples.
-
-        `entries` are those of the rays into the mesh; empty ones, if rays have to search.
-        """
+    def render(self, rays: Rays, alive, pixels: Pixels, options, stage) -> int:
+        """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
         if self._on_cpu and stage.seconds is None:
-            return self._on_cpu.trace(rays, entries, alive, pixels, options)
+            return self._on_cpu.trace(rays, alive, pixels, options)
         sample_count, round_, ids = 0, 0, alive
         by_round = ROUND_SLOTS if self._on_cpu else CUDA_ROUND_SLOTS
         while len(alive):
@@ -50,7 +44,7 @@ class HostRounds:
             left = []
             for part in self._parts(alive, slot_count):
                 with stage("march"):
-                    slots, counts = self._march(rays, entries, part, slot_count, pixels, options)
+                    slots, counts = self._march(rays, part, slot_count, pixels, options)
                 still, count = self._shade(rays, part, slots, counts, pixels, options, stage)
                 left.append(still)
                 sample_count += count
@@ -69,15 +63,14 @@ class HostRounds:
         count = len(alive)  # Warp takes no slice beyond the end
         return [alive[k : min(k + most, count)] for k in range(0, count, most)]
 
-    def _march(self, rays, entries, alive, slot_count, pixels, options):
+    def _march(self, rays, alive, slot_count, pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
         if self._on_cpu:
-            return self._on_cpu.march(rays, entries, alive, slot_count, pixels, options)
-        pose, count, device = self._pose, len(alive), self._pose.device
+            return self._on_cpu.march(rays, alive, slot_count, pixels, options)
+        count, device = len(alive), self._pose.device
         slots = empty_samples(count * slot_count, device)
         counts = wp.empty(count, dtype=int, device=device)
-        step = self._march_step * options.step_factor
-        inputs = [pose.geometry, entries, self._occupancy, rays, alive, step, slot_count, MIDDLE]
+        inputs = [self._pose.geometry, rays, alive, slot_count, MIDDLE]
         wp.launch(march_kernel, count, inputs, [slots, counts], device=device)
         return slots, counts
 

@@ -13,7 +13,7 @@ more rays would need another round, and a round takes longer than the samples th
 import warp as wp
 
 from ..rays.entries import UNKNOWN
-from ..rays.marching import ANY_DEPTH, FILL_SLOTS, MIDDLE, march_ray
+from ..rays.marching import march_ray
 from ..rays.pose import Geometry
 from .slots import BLOCK_SIZE, PARITY, PER_RAY, STRIDE, TAKEN, Buffers
 
@@ -27,8 +27,6 @@ wp.set_module_options(
 @wp.func
 def march_in_slots(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
     buffers: Buffers,
     i: int,
     ray: int,
@@ -38,48 +36,37 @@ def march_in_slots(
     state = buffers.state
     buffers.counts[i] = march_ray(
         geometry,
-        buffers.entries,
-        occupancy,
         buffers.rays,
         ray,
-        step,
-        MIDDLE,
-        FILL_SLOTS,
+        buffers.slots,
         i,
         state[STRIDE],
         state[PER_RAY],
-        buffers.slots,
-        buffers.sigma,
-        ANY_DEPTH,
-        searches,
+        searches=searches,
     )
 
 
 @wp.func
 def march_known(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
     buffers: Buffers,
     i: int,
     ray: int,
 ):
     """`march_in_slots`, unless the ray has to search: then search_slots_kernel does it."""
-    if buffers.entries.count[ray] != UNKNOWN:
-        march_in_slots(geometry, occupancy, step, buffers, i, ray, False)
+    if buffers.rays.entries.count[ray] != UNKNOWN:
+        march_in_slots(geometry, buffers, i, ray, False)
 
 
 @wp.kernel
 def march_slots_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
     buffers: Buffers,
 ):
     i = wp.tid()
     state = buffers.state
     if i < state[TAKEN]:
-        march_known(geometry, occupancy, step, buffers, i, buffers.lists[state[PARITY], i])
+        march_known(geometry, buffers, i, buffers.lists[state[PARITY], i])
     elif i < state[STRIDE]:
         buffers.counts[i] = 0
 
@@ -87,8 +74,6 @@ def march_slots_kernel(
 @wp.kernel
 def search_slots_kernel(
     geometry: Geometry,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
-    step: float,  # Δ
     buffers: Buffers,
 ):
     """March the rays that search for their entries; march_slots_kernel may run at the same time."""
@@ -96,6 +81,6 @@ def search_slots_kernel(
     state = buffers.state
     while i < state[TAKEN]:
         ray = buffers.lists[state[PARITY], i]
-        if buffers.entries.count[ray] == UNKNOWN:
-            march_in_slots(geometry, occupancy, step, buffers, i, ray, True)
+        if buffers.rays.entries.count[ray] == UNKNOWN:
+            march_in_slots(geometry, buffers, i, ray, True)
         i += SEARCHING_THREADS

@@ -14,7 +14,7 @@ from ...base.wide import load_wide, store_wide_half, vec4h
 from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
 from ...geometry import lattice_point
 from ..rays.camera import DeviceCamera, camera_ray
-from ..rays.entries import Entries, empty_entries, find_entries
+from ..rays.entries import empty_entries, find_entries
 from ..rays.marching import Rays, Samples, empty_rays, empty_samples
 from ..rays.pose import Geometry
 from .compositing import Pixels, empty_pixels, to_bytes
@@ -83,7 +83,6 @@ class Buffers:
 
     camera: wp.array(dtype=DeviceCamera)  # [1] that of the rays
     rays: Rays  # [R]
-    entries: Entries  # [R]
     pixels: Pixels  # [R]
     state: wp.array(dtype=int)  # [STATE_SIZE]
     lists: wp.array2d(dtype=int)  # [2, R]
@@ -110,7 +109,7 @@ def empty_buffers(ray_count: int, slot_count: int, options, shading) -> Buffers:
     """Room for so many rays and slots of a field with `options`, whose Shading that is."""
     buffers, deferred, device = Buffers(), options.deferred, shading.device
     buffers.rays = empty_rays(ray_count, device)
-    buffers.entries = empty_entries(ray_count, device)
+    buffers.rays.entries = empty_entries(ray_count, device)
     buffers.pixels = empty_pixels(ray_count, device, deferred)
     buffers.slots = empty_samples(slot_count, device)
     sample_count, ray_colors = (0, ray_count) if deferred else (slot_count, 0)
@@ -173,7 +172,7 @@ def begin_kernel(geometry: Geometry, first_row: int, row_count: int, buffers: Bu
     rays.origins[ray] = origin
     rays.directions[ray] = direction
     buffers.pixels.transmittance[ray] = 1.0
-    if find_entries(geometry, origin, direction, ray, buffers.entries, True) == 0:
+    if find_entries(geometry, origin, direction, ray, rays.entries, True) == 0:
         finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
         return
     rays.t[ray] = 0.0

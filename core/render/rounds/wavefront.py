@@ -58,8 +58,8 @@ SLOT_MULTIPLE = 4096  # so that some rays have room in any case
 class Way:
     """How the rays of a list fill their slots, and what becomes of these.
 
-    The kernels are launched for the place of each listed ray, with inputs (geometry, occupancy,
-    step, buffers, *more) and (stop, buffers, *more).
+    The kernels are launched for the place of each listed ray, with inputs (geometry, buffers,
+    *more) and (stop, buffers, *more).
     """
 
     march: wp.Kernel
@@ -77,16 +77,16 @@ PLAIN = Way(
 class Wavefront:
     """Renders images of up to `capacity` pixels in default mode into its `buffers`."""
 
-    def __init__(self, pose: Pose, occupancy, shading: Shading, options, capacity: int):
+    def __init__(self, pose: Pose, shading: Shading, options, capacity: int):
         """Allocate everything; `options` are the field's."""
         self.capacity = capacity
-        self._pose, self._occupancy = pose, occupancy
+        self._pose = pose
         self._tables, self._networks = shading.tables, shading.in_place
         self._table, self._nodes = shading.half_tables()
         self._constant_direction = int(not options.view_dependence)
         self._deferred = options.deferred
         self._ray_count = 0  # of the image
-        self._march_step, self._level_count = options.march_step, options.level_count
+        self._level_count = options.level_count
         self.device = device = pose.device
         slot_count = max(int(SLOTS_PER_PIXEL * capacity), LEAST_SLOTS_IN_ALL)
         slot_bytes = RAY_COLOR_BYTES if options.deferred else SAMPLE_COLOR_BYTES
@@ -204,12 +204,11 @@ class Wavefront:
 
     def _launch_round(self, way, options, stage):
         geometry, buffers = self._pose.geometry, self.buffers
-        step = self._march_step * options.step_factor
         with stage("march"):
             self._launch(
                 slots.advance_kernel, 1, [self._slot_count, way.least, way.most, buffers.state]
             )
-            inputs = [geometry, self._occupancy, step, buffers]
+            inputs = [geometry, buffers]
             with self._side_by_side():
                 self._launch(slot_march.search_slots_kernel, slot_march.SEARCHING_THREADS, inputs)
             self._launch(way.march, len(buffers.counts), [*inputs, *way.more])

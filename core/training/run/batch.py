@@ -96,7 +96,7 @@ class Batch:
         self.capacity = capacity
         self._rays = empty_rays(ray_count, device)
         self._rays.first = first_ray
-        self._entries = empty_entries(ray_count, device)
+        self._rays.entries = empty_entries(ray_count, device)
         self._used = ray_count
         self.drawn = Drawn(
             self._rays.origins,
@@ -148,10 +148,10 @@ class Batch:
         Without `view_dependence` their basis is constant.
         """
         pose.refresh_face_boxes()
-        inputs = [pose.geometry, self._rays, self._entries]
-        self._launch(passes.entries_kernel, self.ray_count, inputs, [])
-        inputs = [pose.geometry, self._entries, mask, self._rays, step, self.seed]
-        self._march(inputs, COUNT, empty_samples(0, self.device))
+        geometry = pose.geometry
+        geometry.occupancy, geometry.step = mask, step
+        self._launch(passes.entries_kernel, self.ray_count, [geometry, self._rays], [])
+        self._march(geometry, COUNT, empty_samples(0, self.device))
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
             self._make_space(int(self.ends[self.ray_count - 1 :].numpy()[0]))
@@ -162,7 +162,7 @@ class Batch:
             [self.ends, self._rays.tet, capacity],
             [self.counts, self._fits, self.sample_count],
         )
-        self._march(inputs, WRITE, self.samples)
+        self._march(geometry, WRITE, self.samples)
         self._launch(mark_unused_kernel, capacity, [self.sample_count], [self.samples.tet])
         if not self._harmonics:
             return
@@ -197,9 +197,10 @@ class Batch:
         """How many pixels were drawn for the rays that the step learns from.  torch []"""
         return (self.fits * self.tries).sum()
 
-    def _march(self, inputs, purpose, samples):
+    def _march(self, geometry, purpose, samples):
         """A pass over all rays."""
-        inputs = [*inputs, purpose, self.drawn.limits, self.ends, samples, self.counts]
+        inputs = [geometry, self._rays, self.seed, purpose, self.drawn.limits]
+        inputs += [self.ends, samples, self.counts]
         self._launch(passes.march_pass_kernel, self.ray_count, inputs, [])
 
     def _make_space(self, capacity):

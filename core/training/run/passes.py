@@ -9,10 +9,8 @@ Shapes: R rays, N samples, T tets.
 import warp as wp
 
 from ...render import (
-    ANY_DEPTH,
     COUNT,
     WRITE,
-    Entries,
     Geometry,
     Rays,
     Samples,
@@ -28,20 +26,17 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 2, "block_dim": B
 
 
 @wp.kernel
-def entries_kernel(geometry: Geometry, rays: Rays, entries: Entries):
+def entries_kernel(geometry: Geometry, rays: Rays):
     """Find the entries of the rays in use; Pose.refresh_face_boxes comes before."""
     i = wp.tid()
     if rays.tet[i] > -2:
-        find_entries(geometry, rays.origins[i], rays.directions[i], i, entries, False)
+        find_entries(geometry, rays.origins[i], rays.directions[i], i, rays.entries, False)
 
 
 @wp.kernel
 def march_pass_kernel(
     geometry: Geometry,
-    entries: Entries,
-    occupancy: wp.array(dtype=wp.uint64),  # [T]
     rays: Rays,
-    step: float,  # Δ
     seed: wp.array(dtype=int),  # [1]
     purpose: int,  # COUNT or WRITE
     limits: wp.array(dtype=int),  # [R] COUNT: samples at most; NO_LIMIT is none
@@ -58,23 +53,7 @@ def march_pass_kernel(
     if purpose == WRITE:
         first = ends[i] - counts[i]
         limit = counts[i]
-    entries.next[i] = 0
-    count = march_ray(
-        geometry,
-        entries,
-        occupancy,
-        rays,
-        i,
-        step,
-        seed[0],
-        purpose,
-        first,
-        1,
-        limit,
-        samples,
-        samples.length,
-        ANY_DEPTH,
-        True,
-    )
+    rays.entries.next[i] = 0
+    count = march_ray(geometry, rays, i, samples, first, 1, limit, seed=seed[0], purpose=purpose)
     if purpose == COUNT:
         counts[i] = count

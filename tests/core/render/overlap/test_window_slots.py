@@ -157,7 +157,7 @@ def test_tets_beyond_the_boundary_are_seen(make_ball_field, device):
     image, _ = in_wavefront(renderer, camera)
     assert_is_defined(image, field, vertices, camera)
     seen = image.color_array().reshape(-1, 4)[:, 3] > 128
-    assert (seen & (renderer._wavefront.buffers.entries.count.numpy()[: len(seen)] == 0)).any()
+    assert (seen & (renderer._wavefront.buffers.rays.entries.count.numpy()[: len(seen)] == 0)).any()
 
 
 def test_each_launch_has_the_block_size_that_its_module_is_compiled_for(

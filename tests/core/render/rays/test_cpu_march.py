@@ -7,7 +7,6 @@ import warp as wp
 from deformrf.core.definition.image import ray_pieces, render_rays
 from deformrf.core.field import SUBTET_COUNT, subtets_of
 from deformrf.core.render import (
-    Entries,
     Renderer,
     RenderOptions,
     camera_rays,
@@ -20,6 +19,7 @@ from deformrf.core.render import (
 from deformrf.core.render.rays.approach import move_aside
 from deformrf.core.render.rays.camera import camera_rays_kernel
 from deformrf.core.render.rays.cpu_march import ORDERS, SIDE, lattice_paths
+from deformrf.core.render.rays.entries import Entries
 from deformrf.core.render.rays.marching import MIDDLE, march_kernel
 from deformrf.core.render.rays.raster import FaceRectangles
 from deformrf.core.render.rounds.compositing import empty_pixels
@@ -39,14 +39,14 @@ def test_paths_are_those_of_points_in_each_cube_and_order():
 
 
 def rays_of(camera, pose):
-    """The rays of a camera that meet the mesh, and all entries."""
+    """The rays of a camera, with all their entries, and which of them meet the mesh."""
     count = camera.width * camera.height
     rays = empty_rays(count, "cpu")
     inputs, outputs = [device_camera(camera), 0], [rays.origins, rays.directions]
     wp.launch(camera_rays_kernel, count, inputs, outputs, device="cpu")
     move_aside(rays)
-    entries = FaceRectangles(camera, pose).entries(rays, 0)
-    return rays, entries, np.flatnonzero(entries.count.numpy())
+    FaceRectangles(camera, pose).entries(rays, 0)
+    return rays, np.flatnonzero(rays.entries.count.numpy())
 
 
 def sampled(slots, counts, slot_count):
@@ -61,12 +61,11 @@ def sampled(slots, counts, slot_count):
 
 def by_ray(renderer, camera):
     """All samples of each ray, by march_ray in one round."""
-    rays, entries, ids = rays_of(camera, renderer.pose)
+    rays, ids = rays_of(camera, renderer.pose)
     slots = empty_samples(len(ids) * MANY, "cpu")
     counts = wp.empty(len(ids), dtype=int, device="cpu")
-    inputs = [renderer.pose.geometry, entries, renderer._occupancy, rays]
-    inputs += [wp.array(ids, dtype=int, device="cpu"), renderer.field.options.march_step, MANY]
-    inputs.append(MIDDLE)
+    alive = wp.array(ids, dtype=int, device="cpu")
+    inputs = [renderer.pose.geometry, rays, alive, MANY, MIDDLE]
     wp.launch(march_kernel, len(ids), inputs, [slots, counts], device="cpu")
     assert (rays.tet.numpy()[ids] == -2).all() and counts.numpy().max() < MANY
     return sampled(slots, counts.numpy(), MANY)
@@ -77,13 +76,13 @@ def in_vectors(renderer, camera, options, slot_count):
 
     Transmittance stays 1, so that each round goes as far as a ray that begins.
     """
-    rays, entries, ids = rays_of(camera, renderer.pose)
+    rays, ids = rays_of(camera, renderer.pose)
     pixels = empty_pixels(len(rays.t), "cpu")
     found, left, rounds = {ray: [] for ray in ids}, ids, 0
     while len(left):
         alive = wp.array(left, dtype=int, device="cpu")
         march = renderer.host_rounds._on_cpu.march
-        slots, counts = march(rays, entries, alive, slot_count, pixels, options)
+        slots, counts = march(rays, alive, slot_count, pixels, options)
         assert counts.numpy().min() >= 0 and counts.numpy().max() <= slot_count
         for ray, rows in zip(left, sampled(slots, counts.numpy(), slot_count), strict=True):
             found[ray].append(rows)
@@ -125,7 +124,7 @@ def test_middles_are_where_the_reference_has_them(make_ball_field):
     renderer.set_vertices(rest)
     camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 30, 30)
     found, _ = in_vectors(renderer, camera, RenderOptions(termination=0.0), MANY)
-    rays, _, ids = rays_of(camera, renderer.pose)
+    rays, ids = rays_of(camera, renderer.pose)
     lines = [a.numpy()[ids].astype(float) for a in (rays.origins, rays.directions)]
     expected_ray, _, _, t_in, t_out, *_ = ray_pieces(field.definition, rest.astype(float), *lines)
     off = []
@@ -148,17 +147,17 @@ def test_rounds_end_where_those_of_march_ray_end(make_ball_field, slot_count):
     camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 45, 37)
     found, shades = [], rng.uniform(0.05, 1.0, camera.width * camera.height)
     for with_entries in (True, False):
-        rays, entries, ids = rays_of(camera, renderer.pose)
+        rays, ids = rays_of(camera, renderer.pose)
         # Rays through an edge search in both cases.
-        ids = np.flatnonzero(entries.count.numpy() > 0)
+        ids = np.flatnonzero(rays.entries.count.numpy() > 0)
+        if not with_entries:
+            rays.entries = Entries()
         pixels = empty_pixels(len(rays.t), "cpu")
         pixels.transmittance.assign(shades)
         alive = wp.array(ids, dtype=int, device="cpu")
         march, options = renderer.host_rounds._on_cpu.march, RenderOptions(termination=0.03)
         for _ in range(3):
-            _, counts = march(
-                rays, entries if with_entries else Entries(), alive, slot_count, pixels, options
-            )
+            _, counts = march(rays, alive, slot_count, pixels, options)
             state = [a.numpy()[ids] for a in (rays.tet, rays.piece, rays.entry_face, rays.t)]
             found.append((counts.numpy(), *state))
     assert len(ids) > 300 and np.ptp(found[0][0]) > 2

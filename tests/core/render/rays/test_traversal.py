@@ -7,7 +7,7 @@ import warp as wp
 from deformrf.core.definition.deformation import deformation
 from deformrf.core.definition.image import ray_pieces
 from deformrf.core.geometry import TetMesh
-from deformrf.core.render import Entries, Geometry, Pose, empty_rays, empty_samples
+from deformrf.core.render import Geometry, Pose, empty_rays, empty_samples
 from deformrf.core.render.rays.marching import march_kernel
 from deformrf.core.render.rays.traversal import line_in_tet, speed_and_fade
 
@@ -157,6 +157,8 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
     """All pieces of all rays in one round: ray, tet, bary, length, t."""
     pose = Pose(field.mesh, field.neighbours, device)
     pose.set_vertices(vertices)
+    pose.geometry.occupancy = wp.array(field.occupancy, dtype=wp.uint64, device=device)
+    pose.geometry.step = field.options.march_step
     count = len(origins)
     rays = empty_rays(count, device)
     rays.origins.assign(origins.astype(np.float32))
@@ -168,11 +170,8 @@ def march(field, vertices, origins, directions, device, jitter_seed=0):
         dim=count,
         inputs=[
             pose.geometry,
-            Entries(),
-            wp.array(field.occupancy, dtype=wp.uint64, device=device),
             rays,
             wp.array(np.arange(count, dtype=np.int32), dtype=int, device=device),
-            field.options.march_step,
             SLOTS,
             jitter_seed,
         ],

@@ -19,7 +19,6 @@ from deformrf.core.definition.networks import (
 from deformrf.core.field import modelfile, multiplies_pairs, subtet_corners, unpack_mask
 from deformrf.core.field.networks.layers import bfloat16
 from deformrf.core.render import (
-    Entries,
     Renderer,
     RenderOptions,
     camera_rays,
@@ -53,7 +52,7 @@ def round_of(make_ball_field):
         rays.directions.assign(directions.astype(np.float32))
         alive = wp.array(np.arange(RAYS), dtype=int, device="cpu")
         rounds = renderer.host_rounds
-        slots, counts = rounds._march(rays, Entries(), alive, slot_count, pixels, options)
+        slots, counts = rounds._march(rays, alive, slot_count, pixels, options)
         left, count = rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
         assert count == counts.numpy().sum() > 0
         return renderer, rays, slots, counts.numpy(), pixels, left.numpy()
@@ -217,7 +216,7 @@ def test_rounds_without_samples_leave_the_pixels_alone(round_of):
     renderer, rays, _, _, pixels, _ = round_of(options)
     before = pixels.color.numpy().copy(), pixels.transmittance.numpy().copy()
     alive = wp.array([3, 5], dtype=int, device="cpu")
-    slots, counts = renderer.host_rounds._march(rays, Entries(), alive, 4, pixels, options)
+    slots, counts = renderer.host_rounds._march(rays, alive, 4, pixels, options)
     counts.zero_()
     renderer.host_rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)
     np.testing.assert_array_equal(pixels.color.numpy(), before[0])
@@ -273,7 +272,7 @@ def test_rounds_without_a_color_of_their_own_take_the_color_so_far(make_ball_fie
     rays.directions.assign(directions.astype(np.float32))
     alive, rounds = wp.array(np.arange(900), dtype=int, device="cpu"), renderer.host_rounds
     for number in range(4):
-        slots, counts = rounds._march(rays, Entries(), alive, 4, pixels, options)
+        slots, counts = rounds._march(rays, alive, 4, pixels, options)
         if number % 2:
             slots.length.assign(1e-4 * slots.length.numpy())  # hardly anything is there
         alive, _ = rounds._on_cpu.shade(rays, alive, slots, counts, pixels, options)

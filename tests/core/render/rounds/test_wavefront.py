@@ -61,7 +61,7 @@ def test_rays_that_search_for_their_entries_are_seen(make_ball_field, device):
     eye = 0.5 + np.random.default_rng().uniform(-0.05, 0.05, 3)
     camera = from_field_of_view(look_at(eye, (0.9, 0.4, 0.5)), 1.2, 60, 50)
     image = renderer.render(camera, RenderOptions(BACKGROUND))
-    assert (renderer._wavefront.buffers.entries.count.numpy()[: 60 * 50] == UNKNOWN).all()
+    assert (renderer._wavefront.buffers.rays.entries.count.numpy()[: 60 * 50] == UNKNOWN).all()
     assert image.sample_count > 1000
     assert_alike(image, renderer.render(camera, HOST_ROUNDS))
 
@@ -79,10 +79,10 @@ def test_rays_that_meet_an_edge_of_the_boundary_search(make_ball_field, device):
         away = rng.normal(size=3)
         eye = at + 1.4 * away / np.linalg.norm(away)
         renderer.render(from_field_of_view(look_at(eye, at), 0.1, 1, 1))
-        searching += renderer._wavefront.buffers.entries.count.numpy()[0] == UNKNOWN
+        searching += renderer._wavefront.buffers.rays.entries.count.numpy()[0] == UNKNOWN
     assert searching >= 36  # others passed beside it, by a rounding
     renderer.render(view(80, 60))
-    count = renderer._wavefront.buffers.entries.count.numpy()[: 80 * 60]
+    count = renderer._wavefront.buffers.rays.entries.count.numpy()[: 80 * 60]
     assert (count == UNKNOWN).sum() <= 0.02 * (count != 0).sum()
 
 
