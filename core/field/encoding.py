@@ -219,7 +219,7 @@ def encode_kernel(
     level_count: int,
     features: wp.array2d(dtype=Any),  # [N, L] out, vec4 or vec4h
 ):
-    """`encode_reference`; sums are float32 whatever the table is."""
+    """`encode` of core/definition; sums are float32 whatever the table is."""
     n = wp.tid()
     if on_cpu():
         ahead = wp.min(n + PREFETCH_SAMPLES, sample_tet.shape[0] - 1)

@@ -1,4 +1,4 @@
-// Contacts in a substep, once for both devices; contact/reference.py has the same in float64.
+// Contacts in a substep, once for both devices; core/definition/contact.py has the same in float64.
 // All contacts are projected at once from the same positions.  A vertex divides its mass among
 // them by its weights there, so together they don't move it too far.
 // Each device defines before, besides what substep.h takes:

@@ -1,6 +1,6 @@
 // The arithmetic of a substep, once for both devices: cpu.cpp and cuda.cu include this text.
 // It is the body of a function there, so it has lambdas in place of functions and templates.
-// reference.py has the same in float64.  Each device defines before:
+// core/definition/solver.py has the same in float64.  Each device defines before:
 //
 //   real                      one number of each constraint that is projected at once: eight
 //                             constraints in the lanes of a vector (CPU), or one (GPU)

@@ -111,7 +111,7 @@ def composite_kernel(
     distortion: wp.array(dtype=float),  # [R] out
     visible: wp.array(dtype=int),  # [R] out: samples behind more than LEAST_TRANSMITTANCE
 ):
-    """`composite_reference`, with weights and numbers of visible samples."""
+    """`weights` and `distortion` of core/definition, the sums, and numbers of visible samples."""
     ray = wp.tid() // lanes
     lane = wp.tid() - ray * lanes
     end = ends[ray]
