@@ -80,7 +80,7 @@ class Shading:
 
     def finish(self, ids, pixels: Pixels, options):
         """Give the rays `ids`, which have come to their ends, the colors of what they summed."""
-        if not self.field.options.deferred:
+        if not (self.field.options.deferred and len(ids)):
             return
         view_dependence = self.field.options.view_dependence
         if self.on_cpu is not None:

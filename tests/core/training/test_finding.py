@@ -179,12 +179,12 @@ def test_room_for_the_ground_is_behind_the_plane_only(stands, axis, side):
 
 def test_rays_end_where_half_of_their_light_is_gone():
     class Rays:
-        counts = wp.array([3, 0, 2], dtype=int)
-        ends = wp.array([3, 3, 5], dtype=int)
+        counts = wp.array([3, 0, 2], dtype=int, device="cpu")
+        ends = wp.array([3, 3, 5], dtype=int, device="cpu")
         origins, directions = torch.zeros(3, 3), torch.eye(3)
 
         class samples:
-            t = wp.array([1.0, 2.0, 3.0, 4.0, 5.0], dtype=float)
+            t = wp.array([1.0, 2.0, 3.0, 4.0, 5.0], dtype=float, device="cpu")
 
     points = ends_of_rays(Rays, torch.tensor([0.3, 0.3, 0.3, 0.1, 0.2]))
     np.testing.assert_allclose(points.numpy(), [[2.0, 0.0, 0.0]])  # the third keeps 0.7
