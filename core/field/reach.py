@@ -16,7 +16,6 @@ Shapes: T tets, S cells (distinct level-l' descendants, l' = min(l, 2)).
 import numpy as np
 import warp as wp
 
-from ..definition.encoding import hash_address
 from ..geometry import TetMesh, path_corners, path_nodes
 from .layout import Layout, hash_entry
 from .occupancy import LEVELS, unpack_mask
@@ -32,24 +31,6 @@ def occupied_cells(occupancy, level: int):
     if level >= LEVELS:
         return np.repeat(occupied, 8 ** (level - LEVELS), axis=1)
     return occupied.reshape(len(occupied), 8**level, -1).any(axis=2)
-
-
-def reached_reference(mesh: TetMesh, layout: Layout, occupancy):
-    """The definition, for small meshes: every corner of every such descendant.
-
-    [T] uint64 -> [entries] bool, the levels one after another as in the table.
-    """
-    reached = np.zeros(layout.offsets[-1], bool)
-    for level in range(layout.level_count):
-        tet, path = np.nonzero(occupied_cells(occupancy, level))
-        if level < layout.dense_level_count:
-            entry = layout.node_ids[level][tet[:, None], path_nodes(level)[1][path]]
-        else:
-            coarse = mesh.addresses[mesh.tets[tet]].astype(np.int64)  # [S, 4, 3]
-            corners = path_corners(level)[path] @ coarse
-            entry = hash_address(corners, layout.entry_counts[level])
-        reached[layout.offsets[level] + entry] = True
-    return reached
 
 
 @wp.kernel
@@ -82,7 +63,10 @@ def mark_nodes_kernel(
 
 
 def reached_entries(mesh: TetMesh, layout: Layout, occupancy, device="cpu"):
-    """`reached_reference` for large meshes, on a Warp device."""
+    """Which entries rendering can read, found on a Warp device.
+
+    [T] uint64 -> [entries] bool, the levels one after another as in the table.
+    """
     reached = []
     for level, entry_count in enumerate(layout.entry_counts):
         if level < layout.dense_level_count:

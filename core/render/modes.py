@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from ..field import below_pixel, level_edges
+from ..field import level_edges
 from .rays.camera import Camera, DeviceCamera, camera_ray, device_camera
 from .render import Image, Renderer
 from .render_options import MODES, Mode, RenderOptions
@@ -57,12 +57,6 @@ def caption(mode: str, depth_range: tuple[float, float] = (0.0, 1.0)) -> str:
         "samples": f"samples a pixel: 0 dark to {SAMPLES_SHOWN} yellow",
         "error": f"{ERROR_GAIN:.0f} times the error of the default mode",
     }[mode]
-
-
-def levels_reference(t, edges, focal):
-    """The finest level that is not finer than a pixel at distance t [...], or 0.  [...] int"""
-    resolved = ~below_pixel(edges, np.asarray(t, float) / focal)
-    return np.maximum(resolved.sum(axis=-1) - 1, 0)
 
 
 @wp.struct
@@ -153,7 +147,7 @@ def heated(heat: wp.array(dtype=wp.vec3), x: float):
 
 @wp.func
 def level_color(rendered: Rendered, t: float):
-    """The color of `levels_reference`."""
+    """The color of the finest level that is not finer than a pixel at distance t, or of 0."""
     level_count = rendered.edge_pixels.shape[0]
     away = wp.where(rendered.camera.parallel != 0, 1.0, t)  # parallel rays see one size
     level = int(0)

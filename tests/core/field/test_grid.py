@@ -2,6 +2,7 @@
 
 import numpy as np
 import warp as wp
+from contracted_grid import contract, grid_encode_reference
 
 from deformrf.core.field import (
     GRID_ENTRIES,
@@ -10,7 +11,6 @@ from deformrf.core.field import (
     grid_encode_backward_kernel,
     grid_encode_kernel,
 )
-from deformrf.core.field.grid import contract, grid_encode_reference
 
 BOX = np.array([[0.1, 0.2, 0.3], [0.9, 0.7, 0.6]])
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from shown_levels import levels_reference
 
 from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import below_pixel, level_edges, modelfile, narrowest_pixel
 from deformrf.core.geometry import EDGES, a15_grid, path_corners
-from deformrf.core.render import modes
 from deformrf.viewer.layers.resolution import Rung
 
 
@@ -58,4 +58,4 @@ def test_training_viewer_and_view_mode_agree_which_levels_are_finer_than_a_pixel
             assert min(below_pixel(edges, width).sum(), count - 1) == finer
             shown = Rung(1.0, spared_levels=count).savings(edges, pixel).get("level_count", count)
             assert shown == count - finer
-            assert modes.levels_reference(pixel * 500.0, edges, 500.0) == count - finer - 1
+            assert levels_reference(pixel * 500.0, edges, 500.0) == count - finer - 1

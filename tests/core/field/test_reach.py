@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from deformrf.core.definition import networks
-from deformrf.core.definition.encoding import encode
+from deformrf.core.definition.encoding import encode, hash_address
 from deformrf.core.field import (
     encode_kernel,
     is_occupied,
@@ -17,8 +17,8 @@ from deformrf.core.field import (
     unpack_mask,
 )
 from deformrf.core.field.layout import encoding_of
-from deformrf.core.field.reach import occupied_cells, reached_entries, reached_reference
-from deformrf.core.geometry import path_corners
+from deformrf.core.field.reach import occupied_cells, reached_entries
+from deformrf.core.geometry import path_corners, path_nodes
 
 LEVELS = 5  # with 2^12 entries the last two are hashed, with 2^8 all but the first or none
 
@@ -29,6 +29,24 @@ def random_field(make_ball_field, table_size=2**12, occupied_share=None):
     return make_ball_field(
         rng.integers(1000), occupied_share=share, level_count=LEVELS, table_size=table_size
     )
+
+
+def reached_reference(mesh, layout, occupancy):
+    """The definition, for small meshes: every corner of every such descendant.
+
+    [T] uint64 -> [entries] bool, the levels one after another as in the table.
+    """
+    reached = np.zeros(layout.offsets[-1], bool)
+    for level in range(layout.level_count):
+        tet, path = np.nonzero(occupied_cells(occupancy, level))
+        if level < layout.dense_level_count:
+            entry = layout.node_ids[level][tet[:, None], path_nodes(level)[1][path]]
+        else:
+            coarse = mesh.addresses[mesh.tets[tet]].astype(np.int64)  # [S, 4, 3]
+            corners = path_corners(level)[path] @ coarse
+            entry = hash_address(corners, layout.entry_counts[level])
+        reached[layout.offsets[level] + entry] = True
+    return reached
 
 
 @pytest.mark.parametrize("table_size", [2**7, 2**12, 2**17])

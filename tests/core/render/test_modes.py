@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from shown_levels import levels_reference
 
 from deformrf.core.field import level_edges
 from deformrf.core.render import (
@@ -160,10 +161,10 @@ def test_levels_are_those_that_a_pixel_can_show(shown):
     renderer, t = shown.renderer, shown("color").depth_array()
     count = renderer.field.layout.level_count
     edges = level_edges(renderer.field.mesh, count)
-    levels = modes.levels_reference(t, edges, shown.view.focal)
+    levels = levels_reference(t, edges, shown.view.focal)
     seen = np.isfinite(t)
     # Where the level changes, depths are rounded to either side.
-    changing = modes.levels_reference(1.0001 * t, edges, shown.view.focal) != levels
+    changing = levels_reference(1.0001 * t, edges, shown.view.focal) != levels
     image = shown("levels")
     color, there = picture(image)
     np.testing.assert_array_equal(there, seen)
@@ -174,7 +175,7 @@ def test_levels_are_those_that_a_pixel_can_show(shown):
 def test_half_the_distance_shows_one_level_more():
     t = np.array([np.inf, 8.0, 4.0, 2.0, 1.0, 1e-3])
     edges = 0.1 / 2.0 ** np.arange(6)
-    assert modes.levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
+    assert levels_reference(t, edges, 40.0).tolist() == [0, 0, 0, 1, 2, 5]
 
 
 def test_few_tets_share_a_color():

@@ -7,9 +7,9 @@ import pytest
 import torch
 import warp as wp
 from ball_photos import photographs
+from contracted_grid import contract
 
 from deformrf.core.field import basis_vector, modelfile
-from deformrf.core.field.grid import contract
 from deformrf.core.training import evaluate, preset, trainer
 from deformrf.core.training.run.surroundings import (
     BEHIND_PIECES,
