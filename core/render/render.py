@@ -12,7 +12,6 @@ Each path marches rays through the mesh (rays/), and computes density and color 
 threads renders tiles of the image.
 """
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -76,22 +75,13 @@ class Renderer:
             no stage runs beside another.  Where an overlap begins, two images count as one.
     """
 
-    def __init__(
-        self,
-        field: TetField,
-        device: str = "cpu",
-        part_of: Callable[[TetField], tuple[TetField, np.ndarray]] = visible_part,
-    ):
-        """`part_of` chooses the tets that rays visit, as visible_part does.
-
-        Raises:
-            ValueError: The field's table, mesh or networks hold NaN or infinite numbers.
-        """
+    def __init__(self, field: TetField, device: str = "cpu"):
+        """A ValueError if the field's table, mesh or networks hold NaN or infinite numbers."""
         check_finite(field)
         self.field = field
         self.device = wp.get_device(device)
         self.stage = StageTimer(self.device)
-        self.part, tet_ids = part_of(field)
+        self.part, tet_ids = visible_part(field)
         self._part_ids = tet_ids  # on the host
         self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
         mesh, neighbours = self.part.mesh, self.part.neighbours
