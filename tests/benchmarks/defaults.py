@@ -70,7 +70,7 @@ def substeps_choice(judged):
     print(f"substeps by {len(judged)} of {given} reports; the others are older than the default")
     for report in judged:
         for row in steps(report):
-            if row["compliance"] == "material":
+            if row.get("compliance", "material") == "material":
                 worst.setdefault(row["count"], []).append(row["of_motion"])
     counts = sorted(count for count, errors in worst.items() if len(errors) == 2 * len(judged))
     errors = [max(worst[count]) for count in counts]

@@ -60,7 +60,7 @@ def motion_error(report, count):
     rows = {
         row["scene"]: row
         for row in table(report, "dynamics")
-        if (row["compliance"], row["count"]) == ("material", count)
+        if (row.get("compliance", "material"), row["count"]) == ("material", count)
     }
     if not rows:
         return "–"

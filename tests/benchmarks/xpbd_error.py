@@ -13,45 +13,34 @@ import argparse
 import csv
 from pathlib import Path
 
-import numpy as np
-from beams import beam
+from hanging_beams import LATTICES, beam_case
 
 from deformrf.core.base.device import start_warp
-from deformrf.core.geometry import A15, BCC, KUHN
-from deformrf.wings.lab.dynamics.measure import SCENES, HeldMesh, LoadCase, measure
+from deformrf.wings.lab.dynamics.measure import SCENES, measure
 from deformrf.wings.lab.report.plots import new_figure, png
 
-LATTICES = {"a15": A15, "bcc": BCC, "kuhn": KUHN}
 COUNTS = (1, 2, 5, 10, 20, 50, 100, 200)
 COMPLIANCES = (0.0, 1e-8, 1e-6, 1e-4, None)
-GRAVITY = (0.0, 0.0, -9.81)
-
-
-def beam_case(lattice, spacing, compliance, scene) -> LoadCase:
-    """A beam under gravity; compliance is None for the default material."""
-    body = beam(LATTICES[lattice], spacing)
-    rounded = body.mesh.rest_vertices.astype(np.float32).astype(np.float64)
-    return LoadCase(HeldMesh(rounded, body.mesh.tets, body.clamped), scene, GRAVITY, compliance)
 
 
 def plot(rows, path):
     """Errors of one scene over counts and over milliseconds, a column for each lattice.
 
     Args:
-        rows: (lattice, tets, DynamicsRow)
+        rows: (lattice, compliance in words, tets, DynamicsRow)
     """
     from matplotlib.lines import Line2D
 
-    lattices = list(dict.fromkeys((lattice, tets) for lattice, tets, _ in rows))
-    labels = list(dict.fromkeys(row.compliance for _, _, row in rows))
+    lattices = list(dict.fromkeys((lattice, tets) for lattice, _, tets, _ in rows))
+    labels = list(dict.fromkeys(label for _, label, _, _ in rows))
     figure = new_figure(4.6 * len(lattices), 7.6)
     axes = figure.subplots(2, len(lattices), sharey=True, squeeze=False)
     for axis_pair, (lattice, tets) in zip(axes.T, lattices, strict=True):
-        axis_pair[0].set_title(f"{lattice}, {tets} tets, {rows[0][2].scene}")
+        axis_pair[0].set_title(f"{lattice}, {tets} tets, {rows[0][-1].scene}")
         along = (lambda row: row.count), (lambda row: row.frame.median)
         for axis, place in zip(axis_pair, along, strict=True):
             for index, label in enumerate(labels):
-                line = [row for name, _, row in rows if (name, row.compliance) == (lattice, label)]
+                line = [row for *which, _, row in rows if which == [lattice, label]]
                 axis.loglog(
                     [place(row) for row in line],
                     [row.of_size for row in line],
@@ -106,23 +95,24 @@ def main():
         for lattice in arguments.lattices:
             for alpha in arguments.compliances:
                 case = beam_case(lattice, arguments.spacing, alpha, scene)
+                label = "material" if alpha is None else f"{alpha:g}"
                 for count in arguments.counts:
                     row = measure(case, count, arguments.device)
-                    rows.append((lattice, len(case.body.tets), row))
+                    rows.append((lattice, label, len(case.body.tets), row))
                     print(
-                        f"{scene:8} {lattice:5} {row.compliance:>9} {count:4d}"
+                        f"{scene:8} {lattice:5} {label:>9} {count:4d}"
                         f" {row.of_size:.2e} % rms {row.largest:.2e} % max"
                         f" {row.frame.median:7.2f} ms {row.frames:5d} frames",
                         flush=True,
                     )
-        chosen = [row for row in rows if row[2].scene == scene]
+        chosen = [row for row in rows if row[-1].scene == scene]
         plot(chosen, arguments.out.with_name(f"{arguments.out.name}_{scene}.png"))
     lines = [
         {
             "scene": row.scene,
             "lattice": lattice,
             "tets": tets,
-            "compliance": row.compliance,
+            "compliance": label,
             "scheme": "substeps",
             "count": row.count,
             "device": arguments.device,
@@ -132,7 +122,7 @@ def main():
             "milliseconds": row.frame.median,
             "frames": row.frames,
         }
-        for lattice, tets, row in rows
+        for lattice, label, tets, row in rows
     ]
     with open(arguments.out.with_suffix(".csv"), "w", newline="") as file:
         writer = csv.DictWriter(file, lines[0])

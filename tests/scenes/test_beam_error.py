@@ -5,23 +5,13 @@ from functools import partialmethod
 
 import numpy as np
 import pytest
-from beams import beam
+from hanging_beams import beam_case
 
 from deformrf.core.deform import TIME_STEP, Material, XpbdOptions, XpbdSolver, lumped_masses
 from deformrf.core.deform.constraints import ColoredConstraints
-from deformrf.core.geometry import A15, BCC, KUHN
-from deformrf.wings.lab.dynamics.measure import MOTION_FRAMES, HeldMesh, LoadCase, measure
+from deformrf.wings.lab.dynamics.measure import MOTION_FRAMES, measure
 
-LATTICES = {"a15": A15, "bcc": BCC, "kuhn": KUHN}
-GRAVITY = (0.0, 0.0, -9.81)
 FLOORS = {20: 5.0, 50: 1.0}  # of the RMS error, by substeps [% of the size]
-
-
-def beam_case(lattice, spacing, compliance, scene):
-    """A clamped beam under gravity; compliance is None for the default material."""
-    body = beam(LATTICES[lattice], spacing)
-    rounded = body.mesh.rest_vertices.astype(np.float32).astype(np.float64)
-    return LoadCase(HeldMesh(rounded, body.mesh.tets, body.clamped), scene, GRAVITY, compliance)
 
 
 @pytest.mark.parametrize("substeps", [10, 20, 50])

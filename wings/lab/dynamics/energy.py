@@ -100,24 +100,17 @@ class Energy:
         return sparse.csr_array((np.ones(count), places), shape=(len(self.masses), count))
 
 
-def material_energy(rest_vertices, tets, material, compliance=None) -> Energy:
-    """The energy of the solver's constraints for a material.
-
-    Args:
-        compliance: α > 0 of every edge instead, without volumes [m/N].
-    """
+def material_energy(rest_vertices, tets, material) -> Energy:
+    """The energy of the solver's constraints for a material."""
     edges = edge_constraints(rest_vertices, tets)
     volumes = volume_constraints(rest_vertices, tets)
-    compliances = edges.compliances(material.shear_modulus)
-    has_volumes = compliance is None and material.bulk_modulus > 0
+    has_volumes = material.bulk_modulus > 0
     count = len(volumes.vertices) if has_volumes else 0
-    if compliance is not None:
-        compliances = np.full(len(edges.vertices), compliance)
     return Energy(
         masses=lumped_masses(rest_vertices, tets, material.density),
         edges=edges.vertices,
         lengths=edges.rest_values,
-        stiffnesses=1.0 / compliances,
+        stiffnesses=1.0 / edges.compliances(material.shear_modulus),
         tets=volumes.vertices[:count],
         volumes=volumes.rest_values[:count],
         volume_stiffnesses=1.0 / volumes.compliances(material.bulk_modulus)

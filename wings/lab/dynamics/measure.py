@@ -9,10 +9,6 @@ PUSH of its size at most.  (Downwards a standing object buckles, and chance deci
 
     K u = M e_x,   g = PUSH size / max |u_i|,   K the energy's Hessian at rest
 
-The material is the solver's, or every edge has the same compliance and there are no volume
-constraints.  At compliance 0 the reference is the rest pose: a body that is infinitely
-stiff does not move, so what is left is the compliance of one iteration and of its floor.
-
 Error is the RMS over vertices (and frames) of |x − reference|, over the reference's RMS
 motion and over the object's size.  An error of a tenth of the motion means that the solver
 holds the body as if E were a tenth lower.
@@ -61,7 +57,6 @@ class LoadCase:
     body: HeldMesh
     scene: str  # one of SCENES
     gravity: tuple[float, float, float]  # m/s²
-    compliance: float | None = None  # of every edge [m/N]; None for the material's constraints
     solid: Material = DEFAULT_MATERIAL  # its damping is replaced by that of the scene
 
     @property
@@ -73,7 +68,7 @@ class LoadCase:
     def energy(self) -> Energy:
         """The energy that the solver minimizes."""
         rest, tets, _ = self.body
-        return material_energy(rest, tets, self.material, self.compliance)
+        return material_energy(rest, tets, self.material)
 
     @cached_property
     def reference(self) -> tuple[np.ndarray, float]:
@@ -86,8 +81,6 @@ class LoadCase:
             NoEquilibrium: Newton's method finds no rest.
         """
         rest, _, held = self.body
-        if self.compliance == 0.0:
-            return rest[None], 0.0
         if self.scene == "static":
             vertices, residual = equilibrium(self.energy, rest, held, self.gravity)
             return vertices[None], residual
@@ -101,18 +94,14 @@ class LoadCase:
         options = XpbdOptions(
             substep_count=substep_count, gravity=self.gravity, sleep_motion=0.0, rescue=False
         )
-        solver = XpbdSolver(rest, tets, self.material, held, options, device)
-        if self.compliance is not None:
-            solver.set_compliances(self.compliance, None)
-        return solver
+        return XpbdSolver(rest, tets, self.material, held, options, device)
 
 
 @dataclass(frozen=True)
 class DynamicsRow:
-    """The solver on one load case; `of_motion` is None at compliance 0, where nothing moves."""
+    """The solver on one load case; `of_motion` is None where nothing moves."""
 
     scene: Annotated[str, "scene"]
-    compliance: str  # "material", or that of every edge [m/N]
     count: Annotated[int, "substeps"]
     of_motion: Annotated[float | None, "of the motion [%]"]
     of_size: Annotated[float, "of the size [%]"]
@@ -187,17 +176,15 @@ def measure(case: LoadCase, substep_count, device, settling_frames=SETTLING_FRAM
         step(WARM_UP + TIMED_FRAMES - frames)
     away = np.array(path) - reference
     error, moved = _rms(away), _rms(reference - rest)
-    own = case.compliance is None
     return DynamicsRow(
         scene=case.scene,
-        compliance="material" if own else f"{case.compliance:g}",
         count=substep_count,
         of_motion=100.0 * error / moved if moved > 0.0 else None,
         of_size=100.0 * error / size,
         largest=100.0 * float(np.linalg.norm(away, axis=-1).max()) / size,
         frame=spread_of(times[WARM_UP:]),
         frames=frames,
-        default=own and substep_count == DEFAULT_COUNT,
+        default=substep_count == DEFAULT_COUNT,
         chosen=False,
     )
 

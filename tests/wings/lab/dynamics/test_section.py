@@ -37,7 +37,6 @@ def section(shares):
 def row(scene, count, of_motion):
     return DynamicsRow(
         scene=scene,
-        compliance="material",
         count=count,
         of_motion=100.0 * of_motion,
         of_size=0.05,
