@@ -9,7 +9,6 @@ import io
 from dataclasses import replace
 from functools import cache
 from itertools import cycle
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -44,8 +43,8 @@ class ViewSeries:
         return [self._renderer.render(c, self._options).color_array() for c in self._cameras]
 
 
-def frame_switches(field: TetField, path: Path, device, effort: Effort) -> list[Switch]:
-    """The switches of an image, and of the file at `path`."""
+def frame_switches(field: TetField, device, effort: Effort) -> list[Switch]:
+    """The switches of an image, and of the field's file."""
     cameras = views(field, effort.view_count, effort.frame_size)
 
     def series(other=field, **options):
@@ -97,20 +96,17 @@ def frame_switches(field: TetField, path: Path, device, effort: Effort) -> list[
         dependent = replace(field, options=replace(field.options, view_dependence=True))
         why = "The model was trained without it, and its colors depend on no direction."
         found.append(switch("view dependence", lambda: series(dependent), usual, why))
-    return [*found, _entries(field, path, series)]
+    return [*found, _entries(field, series)]
 
 
-def _entries(field, path, series):
+def _entries(field, series):
     """Table entries that no occupied sub-tet reaches, in 10⁶ bytes of a written file."""
     reached = reached_entries(field.mesh, field.layout, field.occupancy)
 
     def measure():
-        with np.load(path) as stored:
-            bits = 8 * stored["table_0"].dtype.itemsize
-        arrays = modelfile.pack(field, entry_bits=bits)
-        kept = {
-            k: a for k, a in arrays.items() if not k.startswith(("reached_", "table_", "scale_"))
-        }
+        arrays = modelfile.pack(field)
+        kept = {name: a for name, a in arrays.items() if not name.startswith("reached_")}
+        bits = field.entry_bits or 16
         every = kept | pack_tables(field.table, field.layout, np.ones_like(reached), bits)
         # The file does not contain these entries, so noise stands for their values.
         noise = np.random.default_rng(0).normal(size=field.table.shape) * field.table.std()

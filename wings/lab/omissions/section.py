@@ -32,7 +32,7 @@ def section(
     """Measure all switches; `step` is called with the finished share."""
     path = Path(model_path).absolute()  # so that errors can be said without folders
     switches = [
-        *frame_switches(field, path, device, effort),
+        *frame_switches(field, device, effort),
         *step_switches(field, device, effort.step_turns),
         *start_switches(path, device, effort.start_turns),
     ]

@@ -22,7 +22,7 @@ def rows(tmp_path, device):
     def rows(field, *names, **settings):
         path = tmp_path / "model.npz"
         modelfile.save(field, path, **settings)
-        switches = frames.frame_switches(field, path, device, EFFORT)
+        switches = frames.frame_switches(modelfile.load(path), device, EFFORT)
         found = [s for name in names for s in switches if s.name.startswith(name)]
         return [measured(switch) for switch in found], path
 
