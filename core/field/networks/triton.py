@@ -141,7 +141,7 @@ class Fused(torch.autograd.Function):
         sigma = torch.empty(len(features), device=features.device)
         rgb = torch.empty(len(features), 3, device=features.device)
         inputs = (features, basis, parameters, sample_count)
-        launch_forward(*inputs, sigma, rgb)
+        _launch(kernels.forward_kernel, FORWARD, *inputs, sigma, rgb)
         ctx.save_for_backward(*inputs)
         return sigma, rgb
 
@@ -178,18 +178,14 @@ class FusedDensity(torch.autograd.Function):
 
 def _backward(kernel, features, *others):
     """Gradients of features and of parameters: the array before the last three of `others`."""
-    launch = _backward_launch(features.device)
+    hopper = features.is_cuda and torch.cuda.get_device_capability(features.device) == HOPPER
+    launch = BACKWARD_HOPPER if hopper else BACKWARD
     *_, parameters, _sample_count, _g_sigma, _g_values = others
     g_features = torch.empty_like(features)
     programs = _program_count(features, launch)
     partial = torch.empty(programs, len(parameters), device=features.device)
     _launch(kernel, launch, features, *others, g_features, partial, PARAMETERS=len(parameters))
     return g_features, partial.sum(dim=0).to(parameters.dtype)
-
-
-def launch_forward(features, basis, parameters, sample_count, sigma, rgb):
-    """Fill sigma [N] and rgb [N, 3] of the samples that exist."""
-    _launch(kernels.forward_kernel, FORWARD, features, basis, parameters, sample_count, sigma, rgb)
 
 
 def _launch(kernel, launch: Launch, features, *arrays, **constants):
@@ -213,9 +209,3 @@ def _program_count(features, launch: Launch) -> int:
         processors = torch.cuda.get_device_properties(features.device).multi_processor_count
         most = launch.programs * processors
     return max(1, min(most, -(-len(features) // launch.block)))
-
-
-def _backward_launch(device) -> Launch:
-    if device.type == "cuda" and torch.cuda.get_device_capability(device) == HOPPER:
-        return BACKWARD_HOPPER
-    return BACKWARD

@@ -260,7 +260,8 @@ def test_samples_past_the_count_are_neither_read_nor_written(device, count):
 
     sigma, rgb = torch.full((room,), -1.0, device=device), torch.full((room, 3), -1.0).to(device)
     parameters = fused.pack([*networks.density, *networks.color]).detach()
-    fused.launch_forward(x.detach(), y, parameters, counter, sigma, rgb)
+    given = x.detach(), y, parameters, counter
+    fused._launch(fused.kernels.forward_kernel, fused.FORWARD, *given, sigma, rgb)
     assert torch.equal(sigma[:count], outputs[0])
     assert (sigma[count:] == -1.0).all()
     assert (rgb[count:] == -1.0).all()
