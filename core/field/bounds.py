@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.memory import free_bytes
 from ..base.schema import check, integer, listing, vector
-from ..geometry import TetMesh, signed_volumes
+from ..geometry import EDGES, TetMesh, signed_volumes
 from .field import TetField
 from .layout import MAX_DENSE_LEVELS
 
@@ -83,9 +83,7 @@ def check_geometry(mesh: TetMesh, neighbours: np.ndarray, march_step: float) -> 
     for first in range(0, mesh.tet_count, 2**16):
         tets = mesh.tets[first : first + 2**16]
         corners = vertices[tets]
-        longest = np.linalg.norm(
-            corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]], axis=2
-        )
+        longest = np.linalg.norm(corners[:, EDGES[:, 0]] - corners[:, EDGES[:, 1]], axis=2)
         flat = signed_volumes(vertices, tets) <= FLATTEST * longest.max(axis=1) ** 3
         check(
             not flat.any(),
