@@ -1,5 +1,4 @@
-from .modelfile import load as load, save as save
-from .archive import ModelFileError as ModelFileError
+from .modelfile import ModelFileError as ModelFileError, load as load, save as save
 from .field import FieldOptions as FieldOptions, TetField as TetField, random_field as random_field
 from .reduction import (
     cut as cut,
@@ -9,7 +8,7 @@ from .reduction import (
 )
 
 # For the rooms next door.
-from .archive import bytes_of_file as bytes_of_file
+from .modelfile import bytes_of_file as bytes_of_file
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry
 from .reduction import nearer_to_matter as nearer_to_matter

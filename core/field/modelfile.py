@@ -7,6 +7,7 @@ of them may be missing.
 """
 
 import json
+import zipfile
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,6 @@ from ..base.schema import (
 )
 from ..base.streams import printable, shown
 from ..geometry import tet_neighbours
-from .archive import ModelFileError
 from .bounds import (
     SMALLEST_MARCH_STEP,
     check_geometry,
@@ -62,6 +62,8 @@ READABLE_VERSIONS = (1, 2, 3)
 SAMPLE_COLOR_VERSION, RAY_COLOR_VERSION = 2, 3  # the first that know such fields
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
 LONGEST_META = 2**20  # bytes; ours has some 30,000
+MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
+TABLE_ARRAYS = ("table_", "reached_", "scale_")
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
 FINITE = number(-(2.0**63), 2.0**63)
 TRAINING = {  # what is known of a training: whether a value of the file is one
@@ -75,6 +77,10 @@ TRAINING = {  # what is known of a training: whether a value of the file is one
     **dict.fromkeys(("object_box", "history"), lambda value: isinstance(value, list)),
     **dict.fromkeys(("options", "test_mean"), lambda value: isinstance(value, dict)),
 }
+
+
+class ModelFileError(FileError):
+    """A model file cannot be read; the message is one sentence for the user."""
 
 
 def save(
@@ -139,6 +145,19 @@ def load(path: str | Path) -> TetField:
         open_archive(path, "model file") as arrays,
     ):
         return _build(arrays)
+
+
+def bytes_of_file(path: str | Path) -> dict[str, int]:
+    """Bytes of a model's mesh (occupancy included) and of its tables, as stored."""
+    counts = {"mesh_bytes": 0, "table_bytes": 0}
+    with zipfile.ZipFile(path) as archive:
+        for entry in archive.infolist():
+            name = entry.filename.removesuffix(".npy")
+            if name in MESH_ARRAYS:
+                counts["mesh_bytes"] += entry.compress_size
+            elif name.startswith(TABLE_ARRAYS):
+                counts["table_bytes"] += entry.compress_size
+    return counts
 
 
 def _build(arrays) -> TetField:
