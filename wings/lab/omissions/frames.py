@@ -108,10 +108,12 @@ def _entries(field, series):
         kept = {name: a for name, a in arrays.items() if not name.startswith("reached_")}
         bits = field.entry_bits or 16
         every = kept | pack_tables(field.table, field.layout, np.ones_like(reached), bits)
-        # The file does not contain these entries, so noise stands for their values.
+        # The file does not contain these entries, so noise stands for their values.  Both tables
+        # are in floats: noise has more digits than bytes hold.
         noise = np.random.default_rng(0).normal(size=field.table.shape) * field.table.std()
         tables = (np.where(reached[:, None], field.table, rest) for rest in (noise, 0.0))
-        noisy, zero = (series(replace(field, table=t.astype(np.float32))) for t in tables)
+        tables = [table.astype(np.float32) for table in tables]
+        noisy, zero = (series(replace(field, table=t, entry_bits=None)) for t in tables)
         sizes = in_turns([_megabytes(every)], [_megabytes(arrays)])
         return sizes, image_change(noisy.images(), zero.images())
 
