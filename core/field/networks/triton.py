@@ -101,7 +101,8 @@ def evaluate_density(networks: TorchNetworks, features, sample_count=None):
         sigma [N] per unit of rest length and h [N, 16], both float32.
     """
     count = _checked_count(networks, features, sample_count)
-    return FusedDensity.apply(features, pack(networks.density), count)
+    both = kernels.density_kernel, kernels.density_backward_kernel
+    return Fused.apply(*both, GEOMETRY_FEATURES, features, pack(networks.density), count)
 
 
 def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
@@ -119,7 +120,9 @@ def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
     """
     assert basis.shape == (len(features), BASIS_COUNT), basis.shape
     count = _checked_count(networks, features, sample_count)
-    return Fused.apply(features, basis, pack([*networks.density, *networks.color]), count)
+    both = kernels.forward_kernel, kernels.backward_kernel
+    parameters = pack([*networks.density, *networks.color])
+    return Fused.apply(*both, 3, features, basis.contiguous(), parameters, count)
 
 
 def _checked_count(networks, features, sample_count):
@@ -133,59 +136,36 @@ def _checked_count(networks, features, sample_count):
 
 
 class Fused(torch.autograd.Function):
-    """sigma [N] and rgb [N, 3]; differentiable in the features and the packed parameters."""
+    """Two outputs of a kernel, [N] and [N, columns]; differentiable in features and parameters.
+
+    `arrays` are what the kernel takes behind the features: the parameters are last but one, and
+    the number of samples is last.
+    """
 
     @staticmethod
-    def forward(ctx, features, basis, parameters, sample_count):
-        features, basis = features.contiguous(), basis.contiguous()
-        sigma = torch.empty(len(features), device=features.device)
-        rgb = torch.empty(len(features), 3, device=features.device)
-        inputs = (features, basis, parameters, sample_count)
-        _launch(kernels.forward_kernel, FORWARD, *inputs, sigma, rgb)
-        ctx.save_for_backward(*inputs)
-        return sigma, rgb
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx, g_sigma, g_rgb):
-        features, *others = ctx.saved_tensors
-        gradients = g_sigma.contiguous(), g_rgb.contiguous()
-        found = _backward(kernels.backward_kernel, features, *others, *gradients)
-        return found[0], None, found[1], None
-
-
-class FusedDensity(torch.autograd.Function):
-    """sigma [N] and h [N, 16]; differentiable in the features and the packed parameters."""
-
-    @staticmethod
-    def forward(ctx, features, parameters, sample_count):
+    def forward(ctx, kernel, backward_kernel, columns, features, *arrays):
         features = features.contiguous()
         sigma = torch.empty(len(features), device=features.device)
-        h = torch.empty(len(features), GEOMETRY_FEATURES, device=features.device)
-        inputs = (features, parameters, sample_count)
-        _launch(kernels.density_kernel, FORWARD, *inputs, sigma, h)
-        ctx.save_for_backward(*inputs)
-        return sigma, h
+        values = torch.empty(len(features), columns, device=features.device)
+        _launch(kernel, FORWARD, features, *arrays, sigma, values)
+        ctx.save_for_backward(features, *arrays)
+        ctx.kernel = backward_kernel
+        return sigma, values
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, g_sigma, g_h):
-        features, *others = ctx.saved_tensors
-        gradients = g_sigma.contiguous(), g_h.contiguous()
-        kernel = kernels.density_backward_kernel
-        return *_backward(kernel, features, *others, *gradients), None
-
-
-def _backward(kernel, features, *others):
-    """Gradients of features and of parameters: the array before the last three of `others`."""
-    hopper = features.is_cuda and torch.cuda.get_device_capability(features.device) == HOPPER
-    launch = BACKWARD_HOPPER if hopper else BACKWARD
-    *_, parameters, _sample_count, _g_sigma, _g_values = others
-    g_features = torch.empty_like(features)
-    programs = _program_count(features, launch)
-    partial = torch.empty(programs, len(parameters), device=features.device)
-    _launch(kernel, launch, features, *others, g_features, partial, PARAMETERS=len(parameters))
-    return g_features, partial.sum(dim=0).to(parameters.dtype)
+    def backward(ctx, g_sigma, g_values):
+        features, *others, parameters, _sample_count = ctx.saved_tensors
+        hopper = features.is_cuda and torch.cuda.get_device_capability(features.device) == HOPPER
+        launch = BACKWARD_HOPPER if hopper else BACKWARD
+        g_features = torch.empty_like(features)
+        programs = _program_count(features, launch)
+        partial = torch.empty(programs, len(parameters), device=features.device)
+        gradients = g_sigma.contiguous(), g_values.contiguous()
+        arrays = *ctx.saved_tensors, *gradients, g_features, partial
+        _launch(ctx.kernel, launch, *arrays, PARAMETERS=len(parameters))
+        g_parameters = partial.sum(dim=0).to(parameters.dtype)
+        return None, None, None, g_features, *[None] * len(others), g_parameters, None
 
 
 def _launch(kernel, launch: Launch, features, *arrays, **constants):
