@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 
 from deformrf.core.deform import XpbdOptions
-from deformrf.wings.lab import rule
 from deformrf.wings.lab.dynamics import measure as dynamics
 from deformrf.wings.lab.rendering import section as rendering
 
@@ -44,11 +43,11 @@ def rendering_choice(reports, judged):
         for name in names
     ]
     default = names.index("default")
-    shares = [rule.shares([rows[name] for name in names], default) for rows in timed]
+    shares = [rendering.shares([rows[name] for name in names], default) for rows in timed]
     times = np.concatenate(shares, axis=1)
     within = np.array(largest) <= rendering.LARGEST
     errors = np.where(within, -np.array(worst), np.inf)
-    chosen = rule.cheapest(times, errors, -rendering.BOUND, default)
+    chosen = rendering.cheapest(times, errors, -rendering.BOUND, default)
     for number, name in enumerate(names):
         low, median, high = np.percentile(times[number], [10, 50, 90])
         print(
@@ -75,7 +74,7 @@ def substeps_choice(judged):
     counts = sorted(count for count, errors in worst.items() if len(errors) == 2 * len(judged))
     errors = [max(worst[count]) for count in counts]
     bound = 100.0 * dynamics.BOUND
-    chosen = rule.cheapest([[count] for count in counts], errors, bound)
+    chosen = rendering.cheapest([[count] for count in counts], errors, bound)
     print(f"at most {bound:g} % is owed")
     for number, count in enumerate(counts):
         mark = "   <- the rule" if number == chosen else ""

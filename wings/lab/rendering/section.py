@@ -9,6 +9,10 @@ view has at least BOUND dB and no channel of any pixel is more than LARGEST off,
 reference or from conformance mode.  (PSNR alone would allow single pixels that sparkle when
 the object moves: docs/design/005-rendering.md.)
 
+The rule that chooses a default takes the fastest setting whose error is within the bound.  The
+speed of a shared machine varies between turns, so each time is divided by the default's time in
+the same turn; the least median wins.  Of equals, the most exact wins.
+
 Shapes: S settings, R turns, P views.
 """
 
@@ -20,7 +24,6 @@ import numpy as np
 
 from ....core.field import TetField, multiplies_pairs
 from ....core.render import Renderer, RenderOptions, default_stop
-from .. import rule
 from ..effort import Effort
 from ..report.contents import Figure, Section, Table
 from ..report.plots import INK, label, new_figure, png
@@ -177,7 +180,7 @@ def measure(
         for images, _ in shown
     ]
     anywhere = [largest_difference(images, exact) for images, _ in shown]
-    shares = rule.shares(times)
+    relative = shares(times)
     rows = [
         RenderingRow(
             setting=setting.name,
@@ -188,7 +191,7 @@ def measure(
             largest_anywhere=None if setting.options.conformance else anywhere[i],
             photo_psnr=pictures.photo_psnr(photos, renderer, setting.options) if photos else None,
             frame=spread_of(times[i]),
-            relative=spread_of(100.0 * shares[i], Share),
+            relative=spread_of(100.0 * relative[i], Share),
             samples=shown[i][1],
             candidate=setting.candidate,
             default=i == 0,
@@ -197,9 +200,31 @@ def measure(
         for i, setting in enumerate(compared)
     ]
     bounded = [-row.worst_psnr if row.candidate and row.within else np.inf for row in rows]
-    chosen = rule.cheapest(times, bounded, -BOUND)
+    chosen = cheapest(times, bounded, -BOUND)
     rows = [replace(row, chosen=i == chosen) for i, row in enumerate(rows)]
     return rows, {setting.name: times[i].tolist() for i, setting in enumerate(compared)}
+
+
+def shares(times, base=0):
+    """Times relative to that of setting `base` in the same turn.  [S, R]"""
+    times = np.asarray(times, float)
+    return times / times[base]
+
+
+def cheapest(times, errors, bound: float, base=0) -> int | None:
+    """The index of the setting that the rule chooses; None if no error is within the bound.
+
+    Args:
+        times: In any unit.  [S, R]
+        errors: Less is better.  [S]
+        base: The setting that the others are compared with.
+    """
+    errors = np.asarray(errors, float)
+    allowed = np.flatnonzero(errors <= bound)
+    if not len(allowed):
+        return None
+    relative = np.median(shares(times, base), axis=1)
+    return int(allowed[np.lexsort((errors[allowed], relative[allowed]))[0]])
 
 
 def _render(renderer, cameras, setting):
