@@ -18,10 +18,14 @@ hold (physics):
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from bone_physics import posed_with_physics
 
 from deformrf.commands.rig_bind import BindArguments, bound
 from deformrf.core.base.device import start_warp
@@ -140,7 +144,7 @@ class Poser:
         skeleton = self._rig.skeleton
         pose = rigs.pose_of(skeleton, self._truth.frames(clip, time, skeleton))
         way = {"method": self._method}
-        return rigs.posed_with_physics(self._solver, self._mesh, self._rig, pose, **way)
+        return posed_with_physics(self._solver, self._mesh, self._rig, pose, **way)
 
 
 def main():

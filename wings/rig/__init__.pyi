@@ -44,7 +44,6 @@ from .weights import (
     weights_near as weights_near,
 )
 from .untangle import Untangler as Untangler
-from .physics import posed_with_physics as posed_with_physics
 from .quality import (
     TetQuality as TetQuality,
     clip_quality as clip_quality,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bone_physics import posed_with_physics
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
 from deformrf.core.geometry import a15_grid, extract
@@ -16,7 +17,6 @@ from deformrf.wings.rig import (
     driven_vertices,
     frame_times,
     make_skeleton,
-    posed_with_physics,
     rigid_weights,
     skinned,
     skinning_matrices,

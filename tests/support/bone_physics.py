@@ -3,26 +3,26 @@
 The solver's frames are ticks of 1/60 s.  Its reset, grab, move, step and vertices are used.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from ...core.geometry import TetMesh
-from .driving import driven_vertices
-from .methods import Method
-from .rig import Rig
-from .skeleton import BonePose, mixed, skinning_matrices
-from .skinning import skinned
-from .untangle import Untangler
-
-if TYPE_CHECKING:
-    from ...core.deform import XpbdSolver
+from deformrf.core.deform import XpbdSolver
+from deformrf.core.geometry import TetMesh
+from deformrf.wings.rig import (
+    BonePose,
+    Method,
+    Rig,
+    Untangler,
+    driven_vertices,
+    mixed,
+    skinned,
+    skinning_matrices,
+)
 
 TICK = 1.0 / 60.0  # s
 
 
 def posed_with_physics(
-    solver: "XpbdSolver",
+    solver: XpbdSolver,
     mesh: TetMesh,
     rig: Rig,
     pose: BonePose,
@@ -34,7 +34,7 @@ def posed_with_physics(
     """The vertices in a pose that is reached from rest, and held.  [V, 3] float64
 
     The bones move from rest to the pose in `ticks`, then the solver settles for `settle` more.
-    Tets that are inverted after that are untangled (untangle.py).
+    Tets that are inverted after that are untangled.
 
     Args:
         solver: An XpbdSolver of that mesh.
