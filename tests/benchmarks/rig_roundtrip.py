@@ -11,12 +11,16 @@ import argparse
 import json
 import os
 import subprocess
+import sys
 import tempfile
 import time
 from datetime import date
 from pathlib import Path
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from point_caches import write_cache
 
 from deformrf.core.base.paths import ASSETS, ROOT
 from deformrf.core.geometry import a15_grid, edges, extract
@@ -27,7 +31,6 @@ from deformrf.wings.rig import (
     read_cache,
     rig_of,
     skinning_error,
-    write_cache,
 )
 
 SCRIPT = Path(__file__).parents[1] / "support" / "blender_rig.py"

@@ -27,6 +27,7 @@ from PIL import Image
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from ball_photos import photographs
 from fuzzing.models import small_models
+from point_caches import write_cache
 
 from deformrf.core import field as fields
 from deformrf.viewer.scene import Scene
@@ -108,7 +109,7 @@ def prepared(folder: Path) -> dict[str, Path]:
     rigged = replace(field, rig_arrays=rigs.arrays_of(rig))
     fields.save(rigged, paths["rigged"])
     frames = np.repeat(field.mesh.rest_vertices[None].astype(np.float32), 3, axis=0)
-    rigs.write_cache(rigs.VertexClip("cache", times, frames), paths["cache"])
+    write_cache(rigs.VertexClip("cache", times, frames), paths["cache"])
     scene = Scene(fields.load(paths["rigged"]), "rigged", "cpu")
     start = start_of(scene)
     scene.set_gravity(3.0)

@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from point_caches import write_cache
 
 from deformrf.commands.rig import main
 from deformrf.core import field as fields
 from deformrf.core.geometry import boundary_faces
-from deformrf.wings.rig import VertexClip, make_skeleton, rig_from, write_cache
+from deformrf.wings.rig import VertexClip, make_skeleton, rig_from
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from point_caches import write_cache
 
 from deformrf.core.base.paths import ASSETS, ROOT
 from deformrf.core.geometry import a15_grid
@@ -20,7 +21,6 @@ from deformrf.wings.rig import (
     read_cache,
     rig_of,
     skinning_error,
-    write_cache,
 )
 
 PYTHON = os.environ.get("DEFORMRF_BPY_PYTHON", "")

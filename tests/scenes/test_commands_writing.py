@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from point_caches import write_cache
 
 from deformrf.commands import edit, evaluate, rig
 from deformrf.commands import render as render
@@ -32,7 +33,7 @@ def inputs(ball, tmp_path_factory):
     rigs.save_rig(made, folder / "rig.npz")
     fields.save(replace(ball, rig_arrays=rigs.arrays_of(made)), folder / "model.npz")
     frames = np.repeat(ball.mesh.rest_vertices[None].astype(np.float32), 2, axis=0)
-    rigs.write_cache(rigs.VertexClip("cache", times, frames), folder / "cache.npz")
+    write_cache(rigs.VertexClip("cache", times, frames), folder / "cache.npz")
     return folder
 
 

@@ -22,11 +22,7 @@ from .clips import (
     clip_of_poses as clip_of_poses,
     phase as phase,
 )
-from .caches import (
-    FRAMES_PER_SECOND as FRAMES_PER_SECOND,
-    read_cache as read_cache,
-    write_cache as write_cache,
-)
+from .caches import FRAMES_PER_SECOND as FRAMES_PER_SECOND, read_cache as read_cache
 from .export import MESH_ENDINGS as MESH_ENDINGS, Solid as Solid, export_mesh as export_mesh
 from .blender import (
     BlenderClip as BlenderClip,

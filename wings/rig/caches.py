@@ -6,8 +6,8 @@
            float32 [samples, vertices, 3]
     .npz   ours: `times` [samples] float64 in seconds, `vertices` [samples, vertices, 3] float32
 
-PC2 counts frames, so reading and writing it takes the frames of a second.  A clip's first sample
-is at 0 s, whatever frame or second a file begins with.  The vertices are in model space, z up.
+PC2 counts frames, so reading it takes the frames of a second.  A clip's first sample is at 0 s,
+whatever frame or second a file begins with.  The vertices are in model space, z up.
 
 A file is compared with what it declares before memory is taken.  Every error is a ValueError of
 one sentence.
@@ -21,11 +21,9 @@ import numpy as np
 
 from ...core.base.archive import one_sentence, open_archive
 from ...core.base.memory import free_bytes
-from ...core.base.paths import whole_file
 from ...core.base.reading import open_file
 from .clips import VertexClip
 
-ENDINGS = ".pc2", ".mdd", ".npz"
 PC2_MAGIC = b"POINTCACHE2\0"
 PC2_HEADER = struct.Struct("<12siiffi")
 MDD_HEADER = struct.Struct(">ii")
@@ -45,7 +43,7 @@ def read_cache(
     path = Path(path)
     read = {".pc2": _read_pc2, ".mdd": _read_mdd, ".npz": _read_npz}.get(path.suffix.lower())
     if read is None:
-        raise ValueError(f"{path} is no point cache: its name has to end in {_or(ENDINGS)}")
+        raise ValueError(f"{path} is no point cache: its name has to end in .pc2, .mdd or .npz")
     if not path.is_file():
         raise ValueError(f"there is no point cache at {path}")
     _check_rate(frames_per_second)
@@ -53,33 +51,6 @@ def read_cache(
         times, vertices = read(path, vertex_count, float(frames_per_second))
         _check_finite(vertices)
         return VertexClip(path.stem, times - times[0], vertices)
-
-
-def write_cache(
-    clip: VertexClip, path: str | Path, frames_per_second: float = FRAMES_PER_SECOND
-) -> Path:
-    """Write a point cache by its ending, one of ENDINGS; an older file stays if that fails.
-
-    Raises:
-        ValueError: The ending is another one, or a PC2's samples would not be evenly spaced.
-    """
-    path = Path(path)
-    pack = {".pc2": _pc2, ".mdd": _mdd}.get(path.suffix.lower())
-    if pack is None and path.suffix.lower() != ".npz":
-        raise ValueError(f"{path} is no point cache: its name has to end in {_or(ENDINGS)}")
-    _check_rate(frames_per_second)
-    header = pack and pack(clip, float(frames_per_second))
-    with whole_file(path) as partial, open(partial, "wb") as stream:
-        if pack is None:
-            np.savez(
-                stream, times=clip.times.astype(np.float64), vertices=clip.vertices.astype("<f4")
-            )
-            return path
-        stream.write(header)
-        kind = "<f4" if pack is _pc2 else ">f4"
-        for frame in range(len(clip.times)):  # one at a time: a swapped copy of all may not fit
-            stream.write(clip.vertices[frame].astype(kind).tobytes())
-    return path
 
 
 def _read_pc2(path, vertex_count, frames_per_second):
@@ -186,25 +157,3 @@ def _check_finite(vertices):
 def _check_rate(frames_per_second):
     if not SLOWEST <= frames_per_second <= FASTEST:
         raise ValueError(f"{frames_per_second} frames a second: give {SLOWEST:g} to {FASTEST:g}")
-
-
-def _pc2(clip, frames_per_second) -> bytes:
-    """The header; the samples have to be evenly spaced."""
-    steps = np.diff(clip.times)
-    step = float(steps.mean()) if len(steps) else 1.0 / frames_per_second
-    if len(steps) and np.abs(steps - step).max() > 1e-3 * step:
-        raise ValueError(
-            f"the samples of clip {clip.name!r} are {steps.min():g} to {steps.max():g} s apart, "
-            "and PC2 stores evenly spaced ones: write .mdd or .npz"
-        )
-    samples, count = clip.vertices.shape[:2]
-    return PC2_HEADER.pack(PC2_MAGIC, 1, count, 0.0, step * frames_per_second, samples)
-
-
-def _mdd(clip, _) -> bytes:
-    samples, count = clip.vertices.shape[:2]
-    return MDD_HEADER.pack(samples, count) + clip.times.astype(">f4").tobytes()
-
-
-def _or(words) -> str:
-    return f"{', '.join(words[:-1])} or {words[-1]}"

@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 from gltf_files import make_bar
+from point_caches import write_cache
 
 from deformrf.core.geometry import a15_grid
 from deformrf.wings import rig as rigs
@@ -290,7 +291,7 @@ class Blender:
         )
         self.caches = {}
         for name in ("a.pc2", "a.mdd", "a.npz"):
-            rigs.write_cache(clip, folder / name)
+            write_cache(clip, folder / name)
             data = (folder / name).read_bytes()
             order = ">" if name == "a.mdd" else "<"
             counts = tuple((at, f"{order}I") for at in range(0, 32, 4))

@@ -2,6 +2,7 @@
 
 import numpy as np
 from fuzzing.models import small_models
+from point_caches import write_cache
 
 from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import load, save
@@ -59,7 +60,7 @@ class Import(WrittenModel):
         super().prepare()
         frames = np.repeat(self.vertices[None], 200, axis=0)
         self.clip = self.inputs / "wave.pc2"
-        rigs.write_cache(rigs.VertexClip("wave", np.arange(200) / 24.0, frames), self.clip)
+        write_cache(rigs.VertexClip("wave", np.arange(200) / 24.0, frames), self.clip)
 
     def old(self):
         return self.second.read_bytes()
