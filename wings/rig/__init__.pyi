@@ -35,9 +35,7 @@ from .weights import (
     automatic_weights as automatic_weights,
     harmonic_weights as harmonic_weights,
     nearest_point_weights as nearest_point_weights,
-    nearest_weights as nearest_weights,
     rigid_weights as rigid_weights,
-    weights_near as weights_near,
 )
 from .untangle import Untangler as Untangler
 from .quality import (

@@ -88,12 +88,6 @@ def copied_to_lone_parts(mesh: TetMesh, weights, alone) -> np.ndarray:
     return weights
 
 
-def nearest_weights(mesh: TetMesh, ids: ArrayLike, surface_weights: ArrayLike) -> np.ndarray:
-    """Of given weights at some vertices [S], those of the nearest one.  [V, B] float32"""
-    near, _ = _nearest(mesh.rest_vertices, mesh.rest_vertices[np.asarray(ids)])
-    return cleaned(np.asarray(surface_weights, float)[near])
-
-
 def rigid_weights(
     mesh: TetMesh, skeleton: Skeleton, moving: np.ndarray | None = None
 ) -> np.ndarray:
@@ -122,29 +116,6 @@ def nearest_point_weights(
     offsets = moments.reshape(-1, count, 3) - weights[:, :, None] * places[:, None]
     weights = cleaned(weights / weights.sum(axis=1, keepdims=True))
     return weights, cleaned_offsets(offsets, weights, np.ptp(points, axis=0).max())
-
-
-def weights_near(
-    mesh: TetMesh,
-    boundary: np.ndarray,
-    points: np.ndarray,
-    triangles: np.ndarray,
-    point_weights: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of a skinned surface at the vertices of our surface.
-
-    Args:
-        boundary: Our surface: vertex ids [N, 3].
-        points: Of the skinned surface [S, 3]; it has to lie on ours.
-        triangles: Ids of points [M, 3].
-        point_weights: [S, B].
-
-    Returns:
-        Ids of vertices [n], and their weights [n, B] float64.
-    """
-    ids = np.unique(boundary)
-    found = _nearest_values(mesh.rest_vertices[ids], points, triangles, point_weights)
-    return ids, found / found.sum(axis=1, keepdims=True)
 
 
 def _nearest_values(places, points, triangles, values):
