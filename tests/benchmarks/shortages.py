@@ -105,7 +105,7 @@ def prepared(folder: Path) -> dict[str, Path]:
     times, rig = np.arange(3) / 24.0, scene.rigging.rig
     still = rigs.clip_of_poses("still", times, [rig.skeleton.rest_pose] * 3)
     rig = replace(rig, clips=(still,))
-    rigs.save_rig(rig, paths["rig"])
+    np.savez(paths["rig"], **rigs.arrays_of(rig))
     rigged = replace(field, rig_arrays=rigs.arrays_of(rig))
     fields.save(rigged, paths["rigged"])
     frames = np.repeat(field.mesh.rest_vertices[None].astype(np.float32), 3, axis=0)

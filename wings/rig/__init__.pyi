@@ -53,9 +53,4 @@ from .methods import METHODS as METHODS, Method as Method
 from .skinning import Skinner as Skinner, skinned as skinned
 from .driving import driven_vertices as driven_vertices
 from .rig import Rig as Rig, check_weights as check_weights
-from .rigfile import (
-    arrays_of as arrays_of,
-    load_rig as load_rig,
-    rig_from as rig_from,
-    save_rig as save_rig,
-)
+from .rigfile import arrays_of as arrays_of, load_rig as load_rig, rig_from as rig_from

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from ...core.base.archive import one_sentence, open_archive
-from ...core.base.paths import whole_file
 from ...core.base.schema import check, declared, listing
 from ...core.base.streams import shown
 from .clips import INTERPOLATIONS, PATHS, Channel, Clip, VertexClip
@@ -103,12 +102,6 @@ def rig_from(arrays: Mapping[str, np.ndarray], vertex_count: int) -> Rig:
         offsets = np.zeros((vertex_count, count, 3), np.float32)
         np.add.at(offsets, places, values)
     return Rig(skeleton, weights, _clips(arrays, meta["clips"], vertex_count), offsets)
-
-
-def save_rig(rig: Rig, path: str | Path) -> None:
-    """Write a rig.npz; the file appears only when it is complete."""
-    with whole_file(Path(path)) as partial, open(partial, "wb") as stream:
-        np.savez(stream, **arrays_of(rig))
 
 
 def load_rig(path: str | Path, vertex_count: int) -> Rig:

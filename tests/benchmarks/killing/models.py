@@ -76,7 +76,7 @@ class Bind(WrittenModel):
     def prepare(self):
         super().prepare()
         self.rig = self.inputs / "rig.npz"
-        rigs.save_rig(rigs.load_rig(self.second, len(self.vertices)), self.rig)
+        np.savez(self.rig, **rigs.arrays_of(rigs.load_rig(self.second, len(self.vertices))))
 
     def job(self):
         model = self.first if self.before is None else self.path
