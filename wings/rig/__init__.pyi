@@ -33,6 +33,7 @@ from .blender import (
 )
 from .weights import (
     automatic_weights as automatic_weights,
+    driven_vertices as driven_vertices,
     harmonic_weights as harmonic_weights,
     nearest_point_weights as nearest_point_weights,
     rigid_weights as rigid_weights,
@@ -51,6 +52,5 @@ from .gltf import GltfRig as GltfRig, aligned as aligned, read_gltf as read_gltf
 from .gltf_nodes import scale_of as scale_of
 from .methods import METHODS as METHODS, Method as Method
 from .skinning import Skinner as Skinner, skinned as skinned
-from .driving import driven_vertices as driven_vertices
 from .rig import Rig as Rig, check_weights as check_weights
 from .rigfile import arrays_of as arrays_of, load_rig as load_rig, rig_from as rig_from

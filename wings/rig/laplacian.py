@@ -28,6 +28,11 @@ class Laplacian:
     degrees: np.ndarray  # [V] Σ_j k_ij
     volumes: np.ndarray  # [V] a quarter of the incident tets' volumes
 
+    @property
+    def counts(self) -> np.ndarray:
+        """How many edges each vertex has.  [V]"""
+        return np.diff(np.append(self.starts, len(self.ends)))
+
     def gathered(self, values) -> np.ndarray:
         """Σ_j k_ij u_j.  [V, B]"""
         return np.add.reduceat(self.conductances[:, None] * values[self.ends], self.starts, axis=0)
@@ -78,7 +83,7 @@ def pulled_at(operator: Laplacian, corners, shares, strength) -> Laplacian:
         strength: a [N].
     """
     count = len(operator.starts)
-    keys = np.repeat(np.arange(count), np.diff(np.append(operator.starts, len(operator.ends))))
+    keys = np.repeat(np.arange(count), operator.counts)
     keys = keys * count + operator.ends
     conductances, degrees = operator.conductances, operator.degrees
     for i, j in np.ndindex(4, 4):

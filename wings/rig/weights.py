@@ -17,6 +17,8 @@ other leg, however near.  All weights are ≥ 0 and sum to 1; those below LEAST 
 Shapes: V vertices, B bones, S points of a surface.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -33,6 +35,7 @@ TINY = 1e-30  # a distance of 0 is taken for this
 DETOUR = 1.25  # along edges a straight way is up to so much longer
 SEEDS = 24  # points of a bone from which distances are measured
 BLOCK = 2**22  # numbers of a table of distances
+FEWEST = 4  # driven vertices of a bone, which fix a rigid motion
 
 
 def automatic_weights(
@@ -178,7 +181,7 @@ def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np
     shares = np.linspace(0.0, 1.0, SEEDS)[:, None]
     labels = components(mesh.vertex_count, mesh.tets)
     parts = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels))[:-1])
-    lengths = np.linalg.norm(x[operator.ends] - np.repeat(x, _counts(operator), axis=0), axis=1)
+    lengths = np.linalg.norm(x[operator.ends] - np.repeat(x, operator.counts, axis=0), axis=1)
     reach = np.maximum.reduceat(lengths, operator.starts)
     found = np.full((mesh.vertex_count, skeleton.bone_count), np.inf)
     direct = np.empty_like(found)
@@ -201,8 +204,30 @@ def bone_distances(mesh: TetMesh, operator: Laplacian, skeleton: Skeleton) -> np
         found = shorter
 
 
-def _counts(operator):
-    return np.diff(np.append(operator.starts, len(operator.ends)))
+def driven_vertices(mesh: TetMesh, skeleton: Skeleton, softness: float) -> np.ndarray:
+    """The vertices that follow the bones exactly, where physics moves the others.  [K] ids, sorted
+
+    Each bone has the vertices to which it is the nearest one.  Of these, the share 1 − softness
+    that is nearest to it follows; a few always do, so that no bone loses what it moves.
+
+    Raises:
+        ValueError: The softness is not from 0 to 1.
+    """
+    if not 0.0 <= softness <= 1.0:
+        raise ValueError(f"the softness is {softness}; it is from 0 to 1")
+    used = np.unique(mesh.tets)
+    distances = np.stack(
+        [
+            _to_segment(mesh.rest_vertices[used], head, tail)
+            for head, tail in zip(skeleton.heads, skeleton.tails, strict=True)
+        ]
+    )  # [B, N]
+    nearest, found = distances.argmin(axis=0), []
+    for bone in range(skeleton.bone_count):
+        own = np.flatnonzero(nearest == bone)
+        count = min(max(math.ceil((1.0 - softness) * len(own)), FEWEST), len(own))
+        found.append(own[np.argsort(distances[bone, own], kind="stable")[:count]])
+    return np.sort(used[np.concatenate(found)])
 
 
 def _to_segment(points, a, b):
