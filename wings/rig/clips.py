@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import rotations
-from .skeleton import LONGEST_NAME, BonePose, Skeleton, pose_of, skinning_matrices
+from .skeleton import BonePose, Skeleton, check_name, pose_of, skinning_matrices
 
 PATHS = ("translation", "rotation", "scale")
 INTERPOLATIONS = ("STEP", "LINEAR", "CUBICSPLINE")
@@ -103,7 +103,7 @@ class Clip:
     channels: tuple[Channel, ...]
 
     def __post_init__(self):
-        check_clip_name(self.name)
+        check_name(self.name, "clip")
         if not 0.0 <= self.duration <= LONGEST_CLIP:
             raise ValueError(f"clip {self.name!r} lasts {self.duration} s, not 0 to a day")
         last = max((float(c.times[-1]) for c in self.channels), default=0.0)
@@ -162,7 +162,7 @@ class VertexClip:
     vertices: np.ndarray  # [K, V, 3] float32, model space
 
     def __post_init__(self):
-        check_clip_name(self.name)
+        check_name(self.name, "clip")
         check_times(self.times, f"the frames of clip {self.name!r}")
         if self.vertices.ndim != 3 or self.vertices.shape[::2] != (len(self.times), 3):
             raise ValueError(
@@ -249,11 +249,3 @@ def check_times(times: np.ndarray, whose: str):
     if (np.diff(times) <= 0.0).any():
         k = int(np.argmax(np.diff(times) <= 0.0))
         raise ValueError(f"{whose} are not in order: {times[k + 1]:g} s after {times[k]:g} s")
-
-
-def check_clip_name(name: str):
-    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME and name.isprintable()):
-        raise ValueError(
-            f"a clip's name is {str(name)[:LONGEST_NAME]!r}; it has to have 1 to {LONGEST_NAME} "
-            "printable characters"
-        )

@@ -241,7 +241,8 @@ def reach(skeleton: Skeleton, pose: BonePose, bone: int, target: ArrayLike) -> B
     target = np.asarray(target, float)
     upper = int(skeleton.parents[bone])
     if upper >= 0:
-        a, b, c = _limb(skeleton, pose, bone)
+        heads = posed(skeleton, pose)[:, :3, 3]
+        a, b, c = heads[upper], heads[bone], posed_tails(skeleton, pose)[bone]
         upper_length, lower_length = np.linalg.norm(b - a), np.linalg.norm(c - b)
         if min(upper_length, lower_length) > 1e-9:
             wanted = np.clip(
@@ -270,12 +271,6 @@ def rigid_inverse(frames):
     return back
 
 
-def _limb(skeleton, pose, bone):
-    """The parent's head, the bone's head and its tail, in the pose."""
-    heads = posed(skeleton, pose)[:, :3, 3]
-    return heads[skeleton.parents[bone]], heads[bone], posed_tails(skeleton, pose)[bone]
-
-
 def _angle(u, v) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(u, v)), u @ v))
 
@@ -301,13 +296,18 @@ def _aimed(skeleton, pose, pivot, bone, target) -> BonePose:
     return turned(skeleton, pose, pivot, 2.0 * np.arctan2(sine, turn[3]) * turn[:3] / sine)
 
 
+def check_name(name: str, what: str):
+    """ValueError unless a name has 1 to LONGEST_NAME printable characters."""
+    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME and name.isprintable()):
+        raise ValueError(
+            f"a {what}'s name is {str(name)[:LONGEST_NAME]!r}; it has to have 1 to "
+            f"{LONGEST_NAME} printable characters"
+        )
+
+
 def _check_names(names):
     for name in names:
-        if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME and name.isprintable()):
-            raise ValueError(
-                f"a bone's name is {str(name)[:LONGEST_NAME]!r}; it has to have 1 to "
-                f"{LONGEST_NAME} printable characters"
-            )
+        check_name(name, "bone")
     if len(set(names)) < len(names):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
         raise ValueError(f"two bones have the name {twice!r}")
