@@ -39,7 +39,6 @@ LONGEST_TURN = 3600.0  # s
 MATERIALS = {"default": Material(), **PRESETS}
 
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS", help_behavior_hint="")]
-Tick = Annotated[int | None, tyro.conf.arg(metavar="TICK", help_behavior_hint="")]
 Codec = Annotated[
     Literal["h264", "h265", "av1", "vp9", "webp"] | None, tyro.conf.arg(help_behavior_hint="")
 ]
