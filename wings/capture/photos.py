@@ -98,19 +98,19 @@ def number(value) -> float | None:
     return round(value, 2) if 0.0 < value < 1e5 else None
 
 
-def work_size(photo: Photo, longest: int) -> tuple[int, int]:
-    """Width and height of a photograph, upright, shrunk to that longer side."""
-    scale = min(1.0, longest / max(photo.size))
-    return tuple(max(1, round(scale * side)) for side in photo.size)
+def shrunk(size, longest: int) -> tuple[int, int]:
+    """Width and height of which the longer is at most `longest`."""
+    scale = min(1.0, longest / max(size))
+    return tuple(max(1, round(scale * side)) for side in size)
 
 
 def read_photo(photo: Photo, longest: int) -> np.ndarray:
-    """Decode a photograph, upright, on white, in its work_size.  [h, w, 3] uint8
+    """Decode a photograph, upright, on white, shrunk to that longer side.  [h, w, 3] uint8
 
     Raises:
         ImageError: It can't be read.
     """
-    size = work_size(photo, longest)
+    size = shrunk(photo.size, longest)
     with open_image(photo.path) as image:
         swapped = image.size != photo.size
         image.draft("RGB", size[::-1] if swapped else size)  # a JPEG decodes at half its size

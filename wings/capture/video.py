@@ -17,7 +17,7 @@ from PIL import Image
 from ...core.base.reading import read_text
 from ...core.training import sharpness_of
 from .hdr import check_color, is_hdr, standard
-from .photos import CaptureError
+from .photos import CaptureError, shrunk
 
 av = lazy_loader.load("av")  # at its first use: a viewer only asks what is_video
 
@@ -172,9 +172,3 @@ def write_frames(path: Path, chosen, folder: Path, image_size: int, advance):
         image.save(folder / f"{number:06d}.jpg", quality=95, subsampling=0)
         if number == chosen[-1]:
             return
-
-
-def shrunk(size, longest: int) -> list[int]:
-    """Width and height of which the longer is at most `longest`."""
-    scale = min(1.0, longest / max(size))
-    return [max(1, round(scale * side)) for side in size]
