@@ -8,6 +8,7 @@ import gc
 import os
 import signal
 import sys
+from functools import partial
 from importlib import import_module
 
 from ..core.base.children import forget_current_folder
@@ -27,41 +28,12 @@ INTERRUPTED = 130
 VERBOSE = "With --verbose, what the program notes goes to stderr."  # the end of every --help
 
 
-def view() -> int:
-    return begin("deformrf-view")
-
-
-def render() -> int:
-    return begin("deformrf-render")
-
-
-def train() -> int:
-    return begin("deformrf-train")
-
-
-def evaluate() -> int:
-    return begin("deformrf-eval")
-
-
-def edit() -> int:
-    return begin("deformrf-edit")
-
-
-def rig() -> int:
-    return begin("deformrf-rig")
-
-
-def report() -> int:
-    return begin("deformrf-report")
-
-
 def begin(program: str) -> int:
     """Import a command and run it; returns its exit code.
 
     A fault of the program leaves a report that a user can attach.  With --verbose, any command
     shows on stderr what its modules note.
     """
-
     forget_current_folder()
 
     def end(*_):
@@ -106,3 +78,12 @@ def begin(program: str) -> int:
             number = getattr(signal, name, signal.SIGINT)
             if signal.getsignal(number) == signal.default_int_handler:
                 signal.signal(number, signal.SIG_DFL)
+
+
+view = partial(begin, "deformrf-view")
+render = partial(begin, "deformrf-render")
+train = partial(begin, "deformrf-train")
+evaluate = partial(begin, "deformrf-eval")
+edit = partial(begin, "deformrf-edit")
+rig = partial(begin, "deformrf-rig")
+report = partial(begin, "deformrf-report")
