@@ -35,21 +35,7 @@ STOPPING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasat
 FIRST_SECONDS = 10.0  # how much longer the first of several processes may take to find an error
 
 # What any job may meet, through no fault of the program.
-SHORTAGES = tuple(
-    getattr(errno, name)
-    for name in (
-        "ENOSPC",
-        "EDQUOT",
-        "EROFS",
-        "EACCES",
-        "EPERM",
-        "EIO",
-        "EMFILE",
-        "ENFILE",
-        "ENOMEM",
-    )
-    if hasattr(errno, name)
-)
+SHORTAGES = {"ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO", "EMFILE", "ENFILE", "ENOMEM"}
 # In the errors of Warp and torch.
 OUT_OF_MEMORY = ("Failed to allocate", "out of memory", "DefaultCPUAllocator")
 WHOLE = "deformrf (in a checkout: make venv)"
@@ -186,7 +172,8 @@ def interrupts_kept():
 def _can_be_mended(error) -> bool:
     """Whether a user can mend what ended a job."""
     known = training.DatasetError, MemoryError, WriteError
-    return isinstance(error, known) or getattr(error, "errno", None) in SHORTAGES
+    number = getattr(error, "errno", None)
+    return isinstance(error, known) or errno.errorcode.get(number) in SHORTAGES
 
 
 def _interrupt():
