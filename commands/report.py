@@ -20,6 +20,7 @@ from ..core import field as fields
 from ..core.base.arguments import AnyModel, File, plain_message, writable_file
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import DEFAULT_MODEL
+from ..core.base.streams import printable
 from ..wings.lab.effort import EFFORTS, Effort
 from .running import asked_for_version, complain, require, run
 
@@ -200,8 +201,3 @@ def measured(jobs: list[Job]):
             step(1.0)
             before += job.seconds
             yield replace(section, seconds=time.perf_counter() - begun)
-
-
-def printable(words: str) -> str:
-    """A file's name as text: what no text can hold becomes a question mark."""
-    return words.encode("utf-8", "replace").decode()
