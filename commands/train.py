@@ -1,4 +1,4 @@
-"""The command deformrf-train: core's command, and --view, which shows the model meanwhile.
+"""The command deformrf-train, which with --view shows the model while it is trained.
 
 Without --view nothing of the viewer is imported.
 """
@@ -6,10 +6,6 @@ Without --view nothing of the viewer is imported.
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated
-
-import tyro
 
 from ..core.base.device import device_name
 from .running import interrupts_waiting, require
@@ -18,22 +14,11 @@ from .training import TrainArguments, prepare_training, train_command
 SIZE = (1000, 700)  # of the window [points]
 
 
-@dataclass(frozen=True)
-class ViewedTrainArguments(TrainArguments):
-    __doc__ = TrainArguments.__doc__
-
-    view: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
-        False
-    )
-    """Show the model while it is trained, in a window where it can be dragged. Training goes on
-    when the window is closed."""
-
-
 def main():
-    train_command(ViewedTrainArguments, prepare)
+    train_command(prepare)
 
 
-def prepare(arguments: ViewedTrainArguments) -> Callable[[], int]:
+def prepare(arguments: TrainArguments) -> Callable[[], int]:
     """Check the arguments, read the images, open the window if one is asked for.
 
     Returns:

@@ -3,12 +3,12 @@
 import json
 import time
 
-from .training import TrainArguments, prepare_training, train_command
+from .training import prepare_training, train_command
 
 TOLD_SECONDS = 0.5  # between two lines of how far it is
 
 
-def main() -> int:
+def main():
     """deformrf-train, which prints how far it is."""
     told = [0.0]
 
@@ -18,4 +18,4 @@ def main() -> int:
             where = {"stage": pause.stage, "step": pause.step, "steps": pause.step_count}
             print(json.dumps(where), flush=True)
 
-    return train_command(TrainArguments, lambda chosen: prepare_training(chosen, on_pause))
+    train_command(lambda chosen: prepare_training(chosen, on_pause))

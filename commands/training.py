@@ -116,22 +116,22 @@ class TrainArguments:
     resume: bool = False
     """Continue the interrupted run that was to write MODEL. Finding cameras always goes on where
     it was interrupted."""
+    view: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
+        False
+    )
+    """Show the model while it is trained, in a window where it can be dragged. Training goes on
+    when the window is closed."""
 
 
-def main():
-    train_command(TrainArguments, prepare_training)
-
-
-def train_command(kind: type, prepare: Callable):
+def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]):
     """Run the command, and exit.
 
     Args:
-        kind: Its arguments, a dataclass: TrainArguments, perhaps with more.
-        prepare: Given an object of it, checks it and returns the work, as prepare_training does.
+        prepare: Checks the arguments and returns the work, as prepare_training does.
     """
     if asked_for_version():
         sys.exit(0)
-    arguments = tyro.cli(kind, prog=PROGRAM)
+    arguments = tyro.cli(TrainArguments, prog=PROGRAM)
     code = run(PROGRAM, lambda: prepare(arguments))
     if "torch.distributed" in sys.modules and training.was_worker():
         # All is written.  A thread of torch's that outlives the group of workers aborts one of them

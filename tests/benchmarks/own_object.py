@@ -58,7 +58,7 @@ class Pictures:
 
     def training(self):
         """The window while a model is trained."""
-        from deformrf.commands.train import ViewedTrainArguments, prepare_training
+        from deformrf.commands.train import TrainArguments, prepare_training
         from deformrf.viewer.training import LiveRun
         from deformrf.viewer.window import open_window
 
@@ -67,7 +67,7 @@ class Pictures:
         from deformrf.viewer.events import EventLog
         from deformrf.viewer.training import LiveWindow
 
-        arguments = ViewedTrainArguments(self.photos, self.folder / "live.npz", preset="tiny")
+        arguments = TrainArguments(self.photos, self.folder / "live.npz", preset="tiny")
         live = LiveRun("toy", "cpu")
         job = prepare_training(arguments, live.on_pause, live.on_trained)
         app = App(window, context, EventLog(False))
