@@ -2,7 +2,6 @@
 
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..core import training
@@ -22,21 +21,6 @@ UNREAD = (
 WAIT_SECONDS = 1.0  # of further processes, between looks for the first one's result
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """A data set whose cameras are known.
-
-    Attributes:
-        folder: Of the data set.
-        image_size: Longer side to shrink images to; None for none.
-        is_new: Whether the cameras were found just now.
-    """
-
-    folder: Path
-    image_size: int | None
-    is_new: bool = False
-
-
 def needs_cameras(data: Path) -> bool:
     """Whether this is a folder of photographs, or a video, that no file says the cameras of.
 
@@ -53,12 +37,15 @@ def needs_cameras(data: Path) -> bool:
     return bool(training.photo_folder(data))
 
 
-def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
+def prepared(data: Path, output: Path, image_size: int | None) -> tuple[Path, int | None]:
     """Find the cameras of photographs, if no file has them.
 
     Args:
         output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
         image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
+
+    Returns:
+        The folder of the data set, and the longer side to shrink images to; None for none.
 
     Raises:
         ValueError: The photographs don't fit together, or the like; a sentence for the user.
@@ -76,7 +63,7 @@ def prepared(data: Path, output: Path, image_size: int | None) -> Prepared:
         data = capture.frames_folder(data)
     if image_size is None and capture.is_capture(data):
         image_size = capture.IMAGE_SIZE
-    return Prepared(data, image_size, is_new)
+    return data, image_size
 
 
 def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):

@@ -163,8 +163,8 @@ def prepare_training(
     resumed = resumed_run(arguments, checkpoint_path) if begun else None
     check_checkpoint(checkpoint_path)
     options = resumed.options if resumed else train_options(arguments)
-    data = prepared(arguments.data, output, arguments.image_size)
-    arguments = replace(arguments, data=data.folder, image_size=data.image_size)
+    folder, image_size = prepared(arguments.data, output, arguments.image_size)
+    arguments = replace(arguments, data=folder, image_size=image_size)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
     train_views = load_train_views(arguments, options, resumed)

@@ -288,8 +288,7 @@ def test_other_workers_wait_for_the_cameras_that_the_first_finds(photos, tmp_pat
 
     monkeypatch.setattr(capturing.time, "sleep", sleep)
     found = capturing.prepared(photos, tmp_path / "m.npz", None)
-    assert len(waits) == 3
-    assert found.is_new and found.folder == photos and found.image_size == capture.IMAGE_SIZE
+    assert len(waits) == 3 and found == (photos, capture.IMAGE_SIZE)
 
 
 def test_global_mapping_ends_at_ctrl_c(ctrl_c):
