@@ -57,7 +57,6 @@ def find_features(work: Work, begin) -> list[str]:
                 images = written_images(work, numbers, Path(folder), unreadable)
                 missing = [n for n in images if n not in extracted]
                 for camera in {cameras[n] for n in missing}:
-                    token = pycolmap.CancellationToken()
                     interruptible(
                         pycolmap.extract_features,
                         str(work.database_path),
@@ -65,8 +64,6 @@ def find_features(work: Work, begin) -> list[str]:
                         [name_of(n) + ".png" for n in missing if cameras[n] == camera],
                         reader_options=pycolmap.ImageReaderOptions(existing_camera_id=camera),
                         extraction_options=options,
-                        token=token,
-                        cancellation_token=token,
                     )
             keep_looks(work, images)
             advance(len(done) + min(first + at_once, len(todo)))
@@ -147,14 +144,11 @@ def match_photos(work: Work, is_sequence: bool, begin):
             chunk = todo[first : first + at_once]
             lines = [f"{name_of(a)}.png {name_of(b)}.png\n" for a, b in chunk]
             listed.write_text("".join(lines), encoding="ascii")
-            token = pycolmap.CancellationToken()
             interruptible(
                 pycolmap.match_image_pairs,
                 str(work.database_path),
                 pairing_options=pycolmap.ImportedPairingOptions(match_list_path=str(listed)),
                 verification_options=verification,
-                token=token,
-                cancellation_token=token,
             )
             advance(len(pairs) - len(todo) + min(first + at_once, len(todo)))
 

@@ -39,24 +39,23 @@ def load_pycolmap():
     return pycolmap
 
 
-def interruptible(call: Callable, *arguments, token=None, each: Callable = lambda: None, **named):
+def interruptible(call: Callable, *arguments, each: Callable = lambda: None, **named):
     """Call a function of pycolmap in a thread, so that Ctrl-C is heard meanwhile.
 
     Args:
-        token: A pycolmap.CancellationToken that `call` looks at; without one, Ctrl-C leaves the
-            thread to its work.
+        call: It looks at its argument `cancellation_token`, which Ctrl-C cancels.
         each: Called every POLL_SECONDS, in this thread.
     """
+    token = load_pycolmap().CancellationToken()
     pool = ThreadPoolExecutor(1)
-    future: Future = pool.submit(call, *arguments, **named)
+    future: Future = pool.submit(call, *arguments, cancellation_token=token, **named)
     try:
         while not wait([future], POLL_SECONDS).done:
             each()
         return future.result()
     except KeyboardInterrupt:
-        if token is not None:
-            token.cancel()
-            wait([future])
+        token.cancel()
+        wait([future])
         raise
     finally:
         pool.shutdown(wait=future.done(), cancel_futures=True)

@@ -107,7 +107,7 @@ def incremental(work: Work, begin, distorts=True) -> list:
         random_seed=SEED,
         ba_refine_extra_params=distorts,
     )
-    token, registered = pycolmap.CancellationToken(), [0]
+    registered = [0]
 
     def on_image():
         registered[0] += 1
@@ -121,8 +121,6 @@ def incremental(work: Work, begin, distorts=True) -> list:
                 folder,
                 options,
                 next_image_callback=on_image,
-                cancellation_token=token,
-                token=token,
                 each=lambda: advance(registered[0]),
             )
         advance(largest(found.values()))

@@ -139,15 +139,14 @@ def ctrl_c():
 
 def test_ctrl_c_ends_a_call_of_the_library(ctrl_c):
     """The call learns it from its token; the handlers of signals are Python's."""
-    token = library.load_pycolmap().CancellationToken()
 
-    def long_call():
-        while not token.is_cancelled:
+    def long_call(cancellation_token):
+        while not cancellation_token.is_cancelled:
             time.sleep(0.01)
 
     ctrl_c()
     with pytest.raises(KeyboardInterrupt):
-        library.interruptible(long_call, token=token)
+        library.interruptible(long_call)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
