@@ -75,20 +75,13 @@ def prepare_export(arguments: ExportArguments):
     output = writable_file(arguments.output, arguments.output.suffix)
 
     def job():
-        mesh, colors, surface, solid = field.mesh, None, None, None
+        mesh, colors, surface = field.mesh, None, None
         if ending == ".ply":
             renderer = render.Renderer(field)
             colors, surface = vertex_colors(field, renderer), render.preview(field, renderer)
-        elif ending != ".vtu":
-            material = deform.Material()
-            size = field.meta.get("size") or float(np.ptp(mesh.rest_vertices, axis=0).max())
-            solid = rigs.Solid(
-                material.young_modulus,
-                material.poisson_ratio,
-                material.density,
-                size / float(np.ptp(mesh.rest_vertices, axis=0).max()),
-            )
-        rigs.export_mesh(mesh, output, colors, surface, solid)
+        side = float(np.ptp(mesh.rest_vertices, axis=0).max())
+        meters_per_unit = (field.meta.get("size") or side) / side
+        rigs.export_mesh(mesh, output, colors, surface, deform.Material(), meters_per_unit)
         print(f"Wrote {printable(output)}: {mesh.vertex_count} vertices, {mesh.tet_count} tets.")
         if ending == ".ply":
             print(

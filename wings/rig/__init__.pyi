@@ -23,7 +23,7 @@ from .clips import (
     phase as phase,
 )
 from .caches import FRAMES_PER_SECOND as FRAMES_PER_SECOND, read_cache as read_cache
-from .export import MESH_ENDINGS as MESH_ENDINGS, Solid as Solid, export_mesh as export_mesh
+from .export import MESH_ENDINGS as MESH_ENDINGS, export_mesh as export_mesh
 from .blender import (
     BlenderClip as BlenderClip,
     BlenderRig as BlenderRig,

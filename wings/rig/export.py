@@ -12,13 +12,16 @@ Positions are those at rest, in model space, z up.  docs/rigs.md has the PLY's e
 Shapes: V vertices, T tets.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.base.paths import whole_file
 from ...core.geometry import EmbeddedSurface, TetMesh, boundary_faces, edges, tet_neighbours
+
+if TYPE_CHECKING:
+    from ...core.deform import Material
 
 MESH_ENDINGS = ".ply", ".vtu", ".usda", ".usd", ".usdc"
 AXES = "x", "y", "z"
@@ -28,29 +31,21 @@ BODY_SCHEMAS = ("PhysicsDeformableBodyAPI", "PhysicsVolumeDeformableSimAPI", "Ph
 MATERIAL_SCHEMA = "PhysicsVolumeDeformableMaterialAPI"
 
 
-@dataclass(frozen=True)
-class Solid:
-    """What a USD file says of the material, SI units."""
-
-    young_modulus: float  # Pa
-    poisson_ratio: float
-    density: float  # kg/m³
-    meters_per_unit: float = 1.0
-
-
 def export_mesh(
     mesh: TetMesh,
     path: str | Path,
     colors: np.ndarray | None = None,
     preview: EmbeddedSurface | None = None,
-    solid: Solid | None = None,
+    material: "Material | None" = None,
+    meters_per_unit: float = 1.0,
 ) -> Path:
     """Write a mesh by the file's ending, one of MESH_ENDINGS; an older file stays if that fails.
 
     Args:
         colors: Of the vertices, for .ply.  [V, 3] uint8
         preview: For .ply.
-        solid: For USD.
+        material: For USD.
+        meters_per_unit: For USD: the length of one unit of the mesh.
 
     Raises:
         ValueError: The ending is another one.
@@ -60,17 +55,13 @@ def export_mesh(
     ending = path.suffix.lower()
     if ending not in MESH_ENDINGS:
         raise ValueError(f"{path}: the mesh's file has to end in {', '.join(MESH_ENDINGS)}")
-    if ending == ".vtu":
-        import meshio  # noqa: F401  before a file is begun
-    elif ending != ".ply":
-        import pxr  # noqa: F401
     with whole_file(path) as partial:
         if ending == ".ply":
             partial.write_bytes(ply_bytes(mesh, colors, preview))
         elif ending == ".vtu":
             _write_vtu(mesh, partial)
         else:
-            _write_usd(mesh, partial, solid)
+            _write_usd(mesh, partial, material, meters_per_unit)
     return path
 
 
@@ -140,12 +131,12 @@ def _write_vtu(mesh, path):
     meshio.write(path, grid, file_format="vtu")
 
 
-def _write_usd(mesh, path, solid):
+def _write_usd(mesh, path, material, meters_per_unit):
     from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
 
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, solid.meters_per_unit if solid else 1.0)
+    UsdGeom.SetStageMetersPerUnit(stage, meters_per_unit)
     root = UsdGeom.Xform.Define(stage, "/Object")
     stage.SetDefaultPrim(root.GetPrim())
     body = UsdGeom.TetMesh.Define(stage, "/Object/Tets")
@@ -155,19 +146,19 @@ def _write_usd(mesh, path, solid):
     body.CreateTetVertexIndicesAttr(Vt.Vec4iArray.FromNumpy(np.ascontiguousarray(mesh.tets)))
     body.CreateSurfaceFaceVertexIndicesAttr(Vt.Vec3iArray.FromNumpy(np.ascontiguousarray(faces)))
     body.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(0), points.max(0)])))
-    if solid is not None:
+    if material is not None:
         prim = body.GetPrim()
         for name in BODY_SCHEMAS:
             prim.AddAppliedSchema(name)
-        material = UsdShade.Material.Define(stage, "/Object/Solid")
-        material.GetPrim().AddAppliedSchema(MATERIAL_SCHEMA)
+        solid = UsdShade.Material.Define(stage, "/Object/Solid")
+        solid.GetPrim().AddAppliedSchema(MATERIAL_SCHEMA)
         values = {
-            "youngsModulus": solid.young_modulus,
-            "poissonsRatio": solid.poisson_ratio,
-            "density": solid.density,
+            "youngsModulus": material.young_modulus,
+            "poissonsRatio": material.poisson_ratio,
+            "density": material.density,
         }
         for name, value in values.items():
             kind = Sdf.ValueTypeNames.Float
-            material.GetPrim().CreateAttribute(f"physics:{name}", kind).Set(value)
-        UsdShade.MaterialBindingAPI.Apply(prim).Bind(material, materialPurpose="physics")
+            solid.GetPrim().CreateAttribute(f"physics:{name}", kind).Set(value)
+        UsdShade.MaterialBindingAPI.Apply(prim).Bind(solid, materialPurpose="physics")
     stage.GetRootLayer().Save()

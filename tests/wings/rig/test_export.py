@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from deformrf.core.deform import Material
 from deformrf.core.geometry import (
     EmbeddedSurface,
     a15_grid,
@@ -11,7 +12,7 @@ from deformrf.core.geometry import (
     signed_volumes,
     tet_neighbours,
 )
-from deformrf.wings.rig import Solid, export_mesh
+from deformrf.wings.rig import export_mesh
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +103,9 @@ def test_usd_reads_the_tets_and_the_material(mesh, tmp_path, ending):
     pytest.importorskip("pxr", reason="needs usd-core: pip install 'deformrf[exchange]'")
     from pxr import Usd, UsdGeom, UsdShade
 
-    solid = Solid(2e5, 0.3, 900.0, meters_per_unit=0.25)
-    path = export_mesh(mesh, tmp_path / f"mesh{ending}", solid=solid)
+    solid = Material(young_modulus=2e5, poisson_ratio=0.3, density=900.0)
+    path = tmp_path / f"mesh{ending}"
+    export_mesh(mesh, path, material=solid, meters_per_unit=0.25)
     stage = Usd.Stage.Open(str(path))
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.25
