@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core.base.paths import whole_file
 from ...core.base.reading import open_file, read_text
-from ...core.training import SparsePoints, nearest_to_axes, photo_folder, save_points, upright
+from ...core.training import nearest_to_axes, photo_folder, save_points, upright
 from .agreement import Agreement, agreement
 from .features import find_features, match_photos
 from .library import load_pycolmap
@@ -45,10 +45,7 @@ class Capture:
     Attributes:
         folder: Where transforms.json and points.npz lie.
         photos: Those with cameras.  [n]
-        poses: Camera to world, OpenGL's axes.  [n, 4, 4] float64
-        lenses: fx, fy, cx, cy, k1, and the width and height that they are for.  [n, 7] float64
-        points: Sparse points on what the photographs show.
-        pixel_error: Mean distance of the points' images from where they were found [pixels].
+        mapped: These cameras, and sparse points on what the photographs show.
         agreement: Of the cameras with what pairs of photographs share.
         left_out: Names of photographs without a camera.
         other_groups: How many of these fit together as other scenes, the largest first.
@@ -58,10 +55,7 @@ class Capture:
 
     folder: Path
     photos: tuple[Photo, ...]
-    poses: np.ndarray
-    lenses: np.ndarray
-    points: SparsePoints
-    pixel_error: float
+    mapped: Mapped
     agreement: Agreement
     left_out: tuple[str, ...]
     other_groups: tuple[int, ...]
@@ -115,10 +109,7 @@ def find_cameras(
     capture = Capture(
         Path(folder),
         tuple(photos[n] for n in mapped.numbers),
-        mapped.poses,
-        mapped.lenses,
-        mapped.points,
-        mapped.pixel_error,
+        mapped,
         agreement(work, mapped),
         tuple(p.path.name for n, p in enumerate(photos) if n not in taken),
         tuple(len(set(group) - taken) for group in mapped.groups[1:]),
@@ -209,7 +200,8 @@ def placed(mapped: Mapped) -> Mapped:
 def write(capture: Capture, sharpness: dict):
     """Write transforms.json, which is never overwritten, and points.npz."""
     frames = []
-    rows = zip(capture.photos, capture.poses, capture.lenses, sharpness.values(), strict=True)
+    mapped = capture.mapped
+    rows = zip(capture.photos, mapped.poses, mapped.lenses, sharpness.values(), strict=True)
     for photo, pose, lens, sharp in rows:
         # pycolmap's pixels, and ours, have their center at ½, so the lens is scaled alone.
         x, y = photo.size[0] / lens[5], photo.size[1] / lens[6]
@@ -225,9 +217,9 @@ def write(capture: Capture, sharpness: dict):
         if photo.is_turned:
             frame["upright"] = True
         frames.append(frame)
-    scene = {"camera_model": "OPENCV", "made_by": MADE_BY, "pixel_error": capture.pixel_error}
+    scene = {"camera_model": "OPENCV", "made_by": MADE_BY, "pixel_error": mapped.pixel_error}
     scene["agreement"] = vars(capture.agreement)
-    save_points(capture.points, capture.folder)
+    save_points(mapped.points, capture.folder)
     with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
         partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
 
@@ -268,7 +260,7 @@ def summary(capture: Capture) -> str:
     total = len(capture.photos) + len(capture.left_out)
     text = (
         f"The cameras of {len(capture.photos)} of {total} photographs were found, "
-        f"{capture.pixel_error:.2f} pixels off in the mean, in {capture.seconds:.0f} s: "
+        f"{capture.mapped.pixel_error:.2f} pixels off in the mean, in {capture.seconds:.0f} s: "
         f"{capture.folder / TRANSFORMS_FILE}"
     )
     if capture.left_out:
@@ -284,7 +276,7 @@ def summary(capture: Capture) -> str:
         )
     for doubt in capture.agreement.sentences():
         text += f"\n{doubt}."
-    for gap in gaps_of([photo.path.name for photo in capture.photos], capture.poses):
+    for gap in gaps_of([photo.path.name for photo in capture.photos], capture.mapped.poses):
         text += f"\n{gap[0].upper()}{gap[1:]}."
     if capture.unreadable:
         text += f"\n{len(capture.unreadable)} files can't be read: {capture.unreadable[0]}"

@@ -61,7 +61,7 @@ def test_the_cameras_of_photographs_are_recovered(photos, poses, tmp_path):
         image = Image.open(photos / f"{name}.jpg").transpose(TURNED[number])
         image.save(photos / f"{name}.jpg", quality=95, exif=exif)
     found = find_cameras(photos, tmp_path / "work")
-    assert len(found.photos) == COUNT and found.pixel_error < 0.5
+    assert len(found.photos) == COUNT and found.mapped.pixel_error < 0.5
     assert not (tmp_path / "work").exists()
     views = load_dataset(photos, "train")
     assert {(lens.width, lens.height) for lens in views.lenses} == {(240, 180)}
@@ -201,7 +201,7 @@ def test_a_photograph_of_something_else_is_left_out_and_named(photos, tmp_path):
     (photos / "broken.jpg").write_bytes((photos / "000.jpg").read_bytes()[:900])
     found = find_cameras(photos, tmp_path / "work", image_size=200)
     # They were worked at that size, and their lenses are those of the files.
-    assert {tuple(lens[5:]) for lens in found.lenses} == {(200, 150)}
+    assert {tuple(lens[5:]) for lens in found.mapped.lenses} == {(200, 150)}
     frame = json.loads((photos / "transforms.json").read_text())["frames"][0]
     assert (frame["w"], frame["h"]) == (240, 180)
     assert frame["fl_x"] == pytest.approx(210.0, rel=0.03)
