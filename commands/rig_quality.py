@@ -53,13 +53,8 @@ def prepare_quality(arguments: QualityArguments):
             print("\n".join(map(printable, table(rig, clip, quality))))
         if picture is not None:
             _, clip, quality = min(found, key=lambda entry: entry[0])
-            vertices = rigs.clip_vertices(
-                field.mesh, rig, clip, quality.worst.seconds, arguments.method
-            )
-            if arguments.untangle:
-                vertices = rigs.Untangler(field.mesh)(vertices)
             with whole_file(picture) as partial:
-                drawn(field, vertices, quality).save(partial)
+                drawn(field, quality).save(partial)
             print(printable(f"Wrote {picture}: {clip.name} at {quality.worst.seconds:.3g} s."))
         return 0
 
@@ -89,9 +84,10 @@ def table(rig: rigs.Rig, clip, quality: "rigs.TetQuality") -> list[str]:
     return lines
 
 
-def drawn(field, vertices, quality: "rigs.TetQuality") -> Image.Image:
+def drawn(field, quality: "rigs.TetQuality") -> Image.Image:
     """The posed surface from the front and the side; tets' colors say their volume ratios."""
     faces, tets = boundary_faces(field.mesh.tets, field.neighbours)
+    vertices = quality.worst_vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     scale = SIDE * (1.0 - 2.0 * MARGIN) / (high - low).max()
     share = np.clip(quality.worst_ratios[tets], 0.0, 1.0)[:, None]
@@ -109,6 +105,6 @@ def drawn(field, vertices, quality: "rigs.TetQuality") -> Image.Image:
         for face in np.argsort(-near * vertices[faces].mean(axis=1)[:, depth]):
             corners = [tuple(p) for p in on_page(vertices[faces[face]]).tolist()]
             draw.polygon(corners, tuple(colors[face].astype(int).tolist()), outline=(255, 255, 255))
-        x, y = on_page(quality.worst.posed_place)
+        x, y = on_page(vertices[field.mesh.tets[quality.worst.tet]].mean(axis=0))
         draw.ellipse((x - 14, y - 14, x + 14, y + 14), outline=(0, 0, 0), width=3)
     return page

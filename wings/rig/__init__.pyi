@@ -42,7 +42,6 @@ from .untangle import Untangler as Untangler
 from .quality import (
     TetQuality as TetQuality,
     clip_quality as clip_quality,
-    clip_vertices as clip_vertices,
     frame_times as frame_times,
 )
 from .fitting import fitted_weights as fitted_weights, surface_samples as surface_samples

@@ -31,7 +31,6 @@ class Worst:
     bone: int
     ratio: float
     place: np.ndarray  # [3] its middle at rest
-    posed_place: np.ndarray  # [3] and in that pose
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,7 @@ class TetQuality:
     bone_tets: np.ndarray  # [B] tets that belong to each bone
     worst: Worst
     worst_ratios: np.ndarray  # [T] at the time of the worst tet
+    worst_vertices: np.ndarray  # [V, 3] at that time
 
 
 def clip_quality(
@@ -68,7 +68,7 @@ def clip_quality(
     lowest = np.full(mesh.tet_count, np.inf)
     smallest, inverted, worst = [], [], None
     for seconds in times.tolist():
-        vertices = clip_vertices(mesh, rig, clip, seconds, method)
+        vertices = _clip_vertices(mesh, rig, clip, seconds, method)
         if untangle:
             vertices = untangler(vertices)
         ratios = untangler.ratios(vertices)
@@ -76,10 +76,9 @@ def clip_quality(
         inverted.append(int((ratios <= 0.0).sum()))
         if worst is None or ratios.min() < worst.ratio:
             tet = int(ratios.argmin())
-            corners = mesh.tets[tet]
-            places = mesh.rest_vertices[corners].mean(axis=0), vertices[corners].mean(axis=0)
-            worst = Worst(seconds, tet, int(bones[tet]), float(ratios[tet]), *places)
-            worst_ratios = ratios
+            place = mesh.rest_vertices[mesh.tets[tet]].mean(axis=0)
+            worst = Worst(seconds, tet, int(bones[tet]), float(ratios[tet]), place)
+            worst_ratios, worst_vertices = ratios, vertices
         lowest = np.minimum(lowest, ratios)
     count = rig.skeleton.bone_count
     bone_smallest = np.ones(count)
@@ -93,12 +92,11 @@ def clip_quality(
         np.bincount(bones, minlength=count),
         worst,
         worst_ratios,
+        worst_vertices,
     )
 
 
-def clip_vertices(
-    mesh: TetMesh, rig: Rig, clip: Clip | VertexClip, seconds: float, method: Method = "linear"
-) -> np.ndarray:
+def _clip_vertices(mesh, rig, clip, seconds, method):
     """The vertices at a time of a clip, by skinning or from its frames.  [V, 3] float64"""
     if isinstance(clip, VertexClip):
         return clip.vertices_at(seconds).astype(float)
