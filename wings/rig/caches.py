@@ -22,6 +22,7 @@ import numpy as np
 from ...core.base.archive import one_sentence, open_archive
 from ...core.base.memory import free_bytes
 from ...core.base.reading import open_file
+from ...core.base.schema import check
 from .clips import VertexClip
 
 PC2_MAGIC = b"POINTCACHE2\0"
@@ -42,13 +43,15 @@ def read_cache(
     """
     path = Path(path)
     read = {".pc2": _read_pc2, ".mdd": _read_mdd, ".npz": _read_npz}.get(path.suffix.lower())
-    if read is None:
-        raise ValueError(f"{path} is no point cache: its name has to end in .pc2, .mdd or .npz")
-    if not path.is_file():
-        raise ValueError(f"there is no point cache at {path}")
-    _check_rate(frames_per_second)
+    check(read, f"{path} is no point cache: its name has to end in .pc2, .mdd or .npz")
+    check(path.is_file(), f"there is no point cache at {path}")
+    check(
+        SLOWEST <= frames_per_second <= FASTEST,
+        f"{frames_per_second} frames a second: give {SLOWEST:g} to {FASTEST:g}",
+    )
     with one_sentence(path):
         times, vertices = read(path, vertex_count, float(frames_per_second))
+        check(np.isfinite(times).all(), "its times hold NaN or infinity")
         _check_finite(vertices)
         return VertexClip(path.stem, times - times[0], vertices)
 
@@ -56,12 +59,9 @@ def read_cache(
 def _read_pc2(path, vertex_count, frames_per_second):
     with open_file(path) as stream:
         magic, version, count, _, step, samples = _header(stream, PC2_HEADER, "PC2")
-        if magic != PC2_MAGIC:
-            raise ValueError("it is no PC2 file: it does not begin with POINTCACHE2")
-        if version != 1:
-            raise ValueError(f"it has PC2 version {version}, this program reads 1")
-        if not (math.isfinite(step) and step > 0.0):
-            raise ValueError(f"it has a sample every {step:g} frames")
+        check(magic == PC2_MAGIC, "it is no PC2 file: it does not begin with POINTCACHE2")
+        check(version == 1, f"it has PC2 version {version}, this program reads 1")
+        check(0.0 < step < math.inf, f"it has a sample every {step:g} frames")
         _check_counts(samples, count, vertex_count)
         vertices = _samples(stream, path, samples, count, "<f4", PC2_HEADER.size)
     return np.arange(samples) * (step / frames_per_second), vertices
@@ -74,58 +74,55 @@ def _read_mdd(path, vertex_count, _):
         header_size = MDD_HEADER.size + 4 * samples
         _check_size(path, samples, count, header_size)
         times = np.frombuffer(stream.read(4 * samples), ">f4").astype(float)
-        if not np.isfinite(times).all():
-            raise ValueError("its times hold NaN or infinity")
         return times, _samples(stream, path, samples, count, ">f4", header_size)
 
 
 def _read_npz(path, vertex_count, _):
     with open_archive(path, "point cache") as arrays:
         for name in ("times", "vertices"):
-            if name not in arrays:
-                raise ValueError(f"it has no array '{name}'; a point cache has times and vertices")
+            good = name in arrays
+            check(good, f"it has no array '{name}'; a point cache has times and vertices")
         times, vertices = arrays["times"], arrays["vertices"]
-        if times.ndim != 1 or times.dtype.kind != "f":
-            raise ValueError(f"'times' is {times.dtype} {list(times.shape)}, not float [samples]")
-        if vertices.dtype != np.float32 or vertices.ndim != 3 or vertices.shape[2] != 3:
-            raise ValueError(
-                f"'vertices' is {vertices.dtype} {list(vertices.shape)}, "
-                "not float32 [samples, vertices, 3]"
-            )
+        check(
+            times.ndim == 1 and times.dtype.kind == "f",
+            f"'times' is {times.dtype} {list(times.shape)}, not float [samples]",
+        )
+        check(
+            vertices.dtype == np.float32 and vertices.ndim == 3 and vertices.shape[2] == 3,
+            f"'vertices' is {vertices.dtype} {list(vertices.shape)}, "
+            "not float32 [samples, vertices, 3]",
+        )
         _check_counts(len(vertices), vertices.shape[1], vertex_count)
-        if len(times) != len(vertices):
-            raise ValueError(f"it has {len(times)} times, but {len(vertices)} samples")
+        good = len(times) == len(vertices)
+        check(good, f"it has {len(times)} times, but {len(vertices)} samples")
         _check_memory(vertices.nbytes)
-        seconds = np.asarray(times, float)
-        if not np.isfinite(seconds).all():
-            raise ValueError("its times hold NaN or infinity")
-        return seconds, np.asarray(vertices)
+        return np.asarray(times, float), np.asarray(vertices)
 
 
 def _header(stream, header, kind):
     start = stream.read(header.size)
-    if len(start) < header.size:
-        raise ValueError(f"it has {len(start)} bytes; a {kind} file has at least {header.size}")
+    good = len(start) == header.size
+    check(good, f"it has {len(start)} bytes; a {kind} file has at least {header.size}")
     return header.unpack(start)
 
 
 def _check_counts(samples, count, vertex_count):
-    if not 0 < samples <= MOST_SAMPLES:
-        raise ValueError(f"it declares {samples} samples; a point cache has 1 to {MOST_SAMPLES}")
-    if count != vertex_count:
-        raise ValueError(
-            f"it has {count} vertices, but the model has {vertex_count}: it belongs to another "
-            "mesh, or vertices were added or removed"
-        )
+    good = 0 < samples <= MOST_SAMPLES
+    check(good, f"it declares {samples} samples; a point cache has 1 to {MOST_SAMPLES}")
+    check(
+        count == vertex_count,
+        f"it has {count} vertices, but the model has {vertex_count}: it belongs to another "
+        "mesh, or vertices were added or removed",
+    )
 
 
 def _check_size(path, samples, count, header_size):
     wanted, found = header_size + 12 * samples * count, path.stat().st_size
-    if found < wanted:
-        raise ValueError(
-            f"it ends too early: {samples} samples of {count} vertices take {wanted} bytes, the "
-            f"file has {found}"
-        )
+    check(
+        found >= wanted,
+        f"it ends too early: {samples} samples of {count} vertices take {wanted} bytes, the "
+        f"file has {found}",
+    )
 
 
 def _check_memory(byte_count):
@@ -152,8 +149,3 @@ def _check_finite(vertices):
     if not good.all():
         sample = int(np.argmin(good))
         raise ValueError(f"sample {sample} holds NaN or infinity ({int((~good).sum())} samples do)")
-
-
-def _check_rate(frames_per_second):
-    if not SLOWEST <= frames_per_second <= FASTEST:
-        raise ValueError(f"{frames_per_second} frames a second: give {SLOWEST:g} to {FASTEST:g}")
