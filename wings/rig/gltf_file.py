@@ -157,11 +157,11 @@ class Gltf:
         check(
             first + length <= len(buffer), f"{what} lie outside of the file's {len(buffer)} bytes"
         )
-        data = buffer.read(first + start, max(needed - start, 0))
+        data = buffer[first + start : first + max(start, needed)]
         return np.ndarray((count, width), dtype, data, 0, (stride, dtype.itemsize))
 
     def _buffer(self, index, what):
-        """What has the bytes of a buffer: their number, and `read(first, length)`."""
+        """What has the bytes of a buffer: it has a length, and slices."""
         buffer = self.at(self.root.buffers, index, "buffer", what)
         if index not in self._buffers:
             uri = buffer.uri
@@ -175,7 +175,7 @@ class Gltf:
                     "everything into one .glb",
                 )
                 data = base64.b64decode(uri.split(",", 1)[1], validate=True)
-                self._buffers[index] = _Embedded(data)
+                self._buffers[index] = memoryview(data)
         return self._buffers[index]
 
     def _text(self) -> bytes:
@@ -205,21 +205,8 @@ class Gltf:
             return text
 
 
-class _Embedded:
-    """Bytes that a .gltf holds as text."""
-
-    def __init__(self, data: bytes):
-        self._data = memoryview(data)
-
-    def __len__(self):
-        return len(self._data)
-
-    def read(self, first: int, length: int):
-        return self._data[first : first + length]
-
-
 class _InFile:
-    """Bytes of a .glb, which are read where they are needed."""
+    """Bytes of a .glb; a slice of them is read where it is needed."""
 
     def __init__(self, path: Path, first: int, length: int):
         self._path, self._first, self._length = path, first, length
@@ -227,11 +214,11 @@ class _InFile:
     def __len__(self):
         return self._length
 
-    def read(self, first: int, length: int):
+    def __getitem__(self, part: slice) -> bytes:
         with open(self._path, "rb") as stream:
-            stream.seek(self._first + first)
-            data = stream.read(length)
-        check(len(data) == length, "it changed while it was read")
+            stream.seek(self._first + part.start)
+            data = stream.read(part.stop - part.start)
+        check(len(data) == part.stop - part.start, "it changed while it was read")
         return data
 
 
