@@ -3,8 +3,10 @@
 Without --view nothing of the viewer is imported.
 """
 
+import json
 import logging
 import os
+import time
 from collections.abc import Callable
 
 from ..core.base.device import device_name
@@ -12,10 +14,24 @@ from .running import interrupts_waiting, require
 from .training import TrainArguments, prepare_training, train_command
 
 SIZE = (1000, 700)  # of the window [points]
+TOLD_SECONDS = 0.5  # between two lines of how far a job of the viewer is
 
 
 def main():
     train_command(prepare)
+
+
+def main_of_job():
+    """The command for the viewer: now and then it prints a JSON line of how far it is."""
+    told = [0.0]
+
+    def on_pause(pause):
+        if time.monotonic() - told[0] >= TOLD_SECONDS:
+            told[0] = time.monotonic()
+            where = {"stage": pause.stage, "step": pause.step, "steps": pause.step_count}
+            print(json.dumps(where), flush=True)
+
+    train_command(lambda chosen: prepare_training(chosen, on_pause))
 
 
 def prepare(arguments: TrainArguments) -> Callable[[], int]:

@@ -1,7 +1,7 @@
 """Training of photographs by a process of its own, which the viewer begins when it is asked to.
 
-That process is commands/train_job.py, which prints a JSON line of how far it is now and then.
-Whatever else it prints is for people.  It is ended as by Ctrl-C, which keeps its work.
+That process runs `main_of_job` in commands/train.py, which prints a JSON line of how far it is now
+and then.  Whatever else it prints is for people.  It is ended as by Ctrl-C, which keeps its work.
 """
 
 import json
@@ -23,7 +23,7 @@ from ..files import readable
 
 PATIENCE = 120.0  # s that the process has to write its work
 LOWER_PRIORITY = 10  # the viewer's frames come first
-CODE = f"{NOT_HERE}from {PACKAGE}.commands.train_job import main; sys.exit(main())"
+CODE = f"{NOT_HERE}from {PACKAGE}.commands.train import main_of_job; main_of_job()"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
 LONGEST_LINE = 400  # characters that are shown
 
