@@ -49,7 +49,6 @@ class BlenderRig:
     rest_vertices: np.ndarray  # [V, 3] float32
     weights: np.ndarray  # [V, B] float32; rows sum to 1, or are 0 where nobody painted
     method: str  # of skinning.METHODS, as Blender posed
-    shape_names: tuple[str, ...]
     shapes: np.ndarray  # [S, V, 3] float32, offsets from rest
     clips: tuple[BlenderClip, ...]
 
@@ -88,17 +87,13 @@ def rig_of(found: BlenderRig, mesh: TetMesh, harmonic: bool = True) -> Rig:
 
 def skinning_error(found: BlenderRig, clip: BlenderClip, mesh: TetMesh) -> float:
     """How far our skinning with the file's weights is from Blender's vertices at most."""
-    posed = _posed(found, clip, mesh.rest_vertices)
-    pairs = zip(posed, clip.vertices, strict=True)
-    return max(float(np.abs(ours - theirs).max()) for ours, theirs in pairs)
-
-
-def _posed(found, clip, rest):
-    """Our vertices of each frame; what no bone moves stays where it is, as in Blender."""
-    still = found.weights.sum(axis=1) == 0.0
-    for matrices in clip.matrices:
-        vertices = skinned(rest, found.weights, matrices, found.method)
-        yield np.where(still[:, None], rest, vertices)
+    rest, error = mesh.rest_vertices, 0.0
+    still = found.weights.sum(axis=1) == 0.0  # what no bone moves stays where it is, as in Blender
+    for matrices, theirs in zip(clip.matrices, clip.vertices, strict=True):
+        ours = skinned(rest, found.weights, matrices, found.method)
+        ours[still] = rest[still]
+        error = max(error, float(np.abs(ours - theirs).max()))
+    return error
 
 
 def _clip(found, clip, mesh) -> Clip | VertexClip:
@@ -158,7 +153,6 @@ def _read(arrays, mesh) -> BlenderRig:
         rest_vertices=rest,
         weights=_weights(_array(arrays, "weights", "f4", (count, bones))),
         method="dual quaternion" if meta.get("preserve_volume") is True else "linear",
-        shape_names=tuple(meta["shape_keys"]),
         shapes=_array(arrays, "shape_keys", "f4", (shape_count, count, 3)),
         clips=tuple(
             _read_clip(arrays, i, name, bones, count, shape_count)

@@ -81,7 +81,8 @@ def aligned(rig: GltfRig, matrix: np.ndarray) -> GltfRig:
     rest[:, :3, :3] /= scale
     moved = replace(skeleton, rest=rest, tails=skeleton.tails @ matrix[:3, :3].T + matrix[:3, 3])
     # A root's keys are in the old space; others grow with their parents.
-    maps = [_Map(matrix if p < 0 else _scaling(scale), 1.0, scale) for p in skeleton.parents]
+    grown = np.diag([scale, scale, scale, 1.0])
+    maps = [_Map(matrix if p < 0 else grown, 1.0, scale) for p in skeleton.parents]
 
     def moved_channel(c: Channel):
         return replace(c, values=maps[c.bone].keys(c.path, c.interpolation, c.values))
@@ -130,7 +131,8 @@ def _read(gltf: Gltf) -> GltfRig:
     to_scene = Y_UP_TO_Z_UP @ to_scene
     rest = np.concatenate([to_scene @ binds, Y_UP_TO_Z_UP @ there.frames[len(binds) :]])
     scales = scales_of(rest, lambda i: f"the rest frame of bone {nodes.names[bones[i]]!r}")
-    rest[:, :3, :3] = _orthogonal(rest[:, :3, :3] / scales[:, None, None])
+    u, _, vt = np.linalg.svd(rest[:, :3, :3] / scales[:, None, None])
+    rest[:, :3, :3] = u @ vt  # the nearest rotations: files hold float32
     place = np.argsort(order)
     points, triangles, weights = _skinned_surface(gltf, meshes, len(skin.joints), place)
     points = points @ to_scene[:3, :3].T + to_scene[:3, 3]
@@ -298,13 +300,3 @@ def _unique(names) -> tuple[str, ...]:
             name = f"{plain}.{numbers[plain]:03}"
         found[name] = None
     return tuple(found)
-
-
-def _orthogonal(turns):
-    """The nearest rotations: of matrices that files hold in float32."""
-    u, _, vt = np.linalg.svd(turns)
-    return u @ vt
-
-
-def _scaling(scale: float):
-    return np.diag([scale, scale, scale, 1.0])
