@@ -158,17 +158,11 @@ def parents_first(names: Sequence[str], parents: Sequence[int]) -> list[int]:
     return order
 
 
-def local_matrices(pose: BonePose) -> np.ndarray:
-    """T·R·S of each bone.  [B, 4, 4]"""
-    frames = np.zeros((len(pose.translations), 4, 4))
-    frames[:, :3, :3] = rotations.matrix_of(pose.rotations) * pose.scales[:, None, :]
-    frames[:, :3, 3], frames[:, 3, 3] = pose.translations, 1.0
-    return frames
-
-
 def posed(skeleton: Skeleton, pose: BonePose) -> np.ndarray:
     """The bones' frames in model space.  [B, 4, 4]"""
-    frames = local_matrices(pose)
+    frames = np.zeros((len(pose.translations), 4, 4))  # T·R·S of each bone
+    frames[:, :3, :3] = rotations.matrix_of(pose.rotations) * pose.scales[:, None, :]
+    frames[:, :3, 3], frames[:, 3, 3] = pose.translations, 1.0
     for bones, parents in skeleton._generations:
         frames[bones] = frames[parents] @ frames[bones]
     return frames
