@@ -52,7 +52,9 @@ def read_cache(
     with one_sentence(path):
         times, vertices = read(path, vertex_count, float(frames_per_second))
         check(np.isfinite(times).all(), "its times hold NaN or infinity")
-        _check_finite(vertices)
+        bad = ~np.isfinite(vertices).all(axis=(1, 2))
+        number, count = int(np.argmax(bad)), int(bad.sum())
+        check(count == 0, f"sample {number} holds NaN or infinity ({count} samples do)")
         return VertexClip(path.stem, times - times[0], vertices)
 
 
@@ -142,10 +144,3 @@ def _samples(stream, path, samples, count, kind, header_size):
     for sample in vertices:  # one at a time: there is no second copy of all
         sample[:] = np.frombuffer(stream.read(12 * count), kind).reshape(count, 3)
     return vertices
-
-
-def _check_finite(vertices):
-    good = np.isfinite(vertices).all(axis=(1, 2))
-    if not good.all():
-        sample = int(np.argmin(good))
-        raise ValueError(f"sample {sample} holds NaN or infinity ({int((~good).sum())} samples do)")
