@@ -127,7 +127,7 @@ def placed(field, source: rigs.GltfRig, arguments: BindArguments):
     surface = source.points, source.triangles, source.point_weights[:, :1]
     samples, matter = rigs.surface_samples(*surface, edge)[0], matter_of(field)
     if given is None:
-        matrix = rigs.align(samples, matter)[0]
+        matrix = rigs.align(samples, matter)
     shared = rigs.shared_space(samples @ matrix[:3, :3].T + matrix[:3, 3], matter)
     if shared < LEAST_SHARED and given is None:
         raise ValueError(

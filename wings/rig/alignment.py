@@ -22,21 +22,17 @@ CELLS = 30
 NEAR = 0.9  # share of the pairs that count: the farthest are of what only one of both has
 
 
-def align(points: np.ndarray, matter: np.ndarray) -> tuple[np.ndarray, float]:
-    """The similarity from the rig's space to the model's, and how well it fits.
+def align(points: np.ndarray, matter: np.ndarray) -> np.ndarray:
+    """The similarity from the rig's space to the model's.  [4, 4]
 
     Args:
         points: Samples of the rig's surface [S, 3].
         matter: Points of the object's surface in the model [N, 3].
 
-    Returns:
-        The matrix [4, 4], and the mean distance of the surfaces as a share of the object's size.
-
     Raises:
         ValueError: One of both has no size.
     """
-    size = float(np.linalg.norm(np.ptp(matter, axis=0))) if len(matter) else 0.0
-    if size == 0.0 or len(points) == 0 or not np.ptp(points, axis=0).any():
+    if not all(len(places) and np.ptp(places, axis=0).any() for places in (points, matter)):
         raise ValueError(
             "the rig's surface or the model has no size, so one can't be laid on the other"
         )
@@ -47,8 +43,7 @@ def align(points: np.ndarray, matter: np.ndarray) -> tuple[np.ndarray, float]:
         matrix, distance = _closest_points(*few, matrix, ROUNDS)
         if best is None or distance * penalty < best[0]:
             best = distance * penalty, matrix
-    matrix, distance = _closest_points(*many, best[1], FINE_ROUNDS)
-    return matrix, distance / size
+    return _closest_points(*many, best[1], FINE_ROUNDS)[0]
 
 
 def outer_points(places: np.ndarray, spacing: float) -> np.ndarray:
