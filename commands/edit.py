@@ -9,15 +9,11 @@ import numpy as np
 import tyro
 
 from ..core import field as fields
-from ..core.base.arguments import writable_file
+from ..core.base.arguments import Box, writable_file
 from ..core.base.device import start_warp
 from .running import asked_for_version, run
 
 PROGRAM = "deformrf-edit"
-Box = Annotated[
-    tuple[float, float, float, float, float, float] | None,
-    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
-]
 
 
 @dataclass(frozen=True)
@@ -43,16 +39,12 @@ def main():
     if asked_for_version():
         sys.exit(0)
     arguments = tyro.cli(EditArguments, prog=PROGRAM)
-
-    def start():
-        start_warp()
-        return prepare(arguments)
-
-    sys.exit(run(PROGRAM, start))
+    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
 
 
 def prepare(arguments: EditArguments):
     """Check the arguments and read the model; returns the work."""
+    start_warp()
     if not 0.0 <= arguments.specks < 1.0:
         raise ValueError(f"--specks is {arguments.specks:g}: give a share, from 0 to less than 1")
     keep, drop = (checked_box(name, arguments) for name in ("keep_box", "drop_box"))

@@ -14,13 +14,7 @@ from platformdirs import user_state_path
 from ..core import field as fields
 from ..core import training
 from ..core.base import kernel_cache
-from ..core.base.arguments import (
-    Count,
-    Meters,
-    object_size,
-    with_size,
-    writable_file,
-)
+from ..core.base.arguments import Box, Count, Meters, object_size, with_size, writable_file
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import free_name
 from .capturing import needs_cameras, prepared
@@ -41,10 +35,6 @@ from .train_choices import check_resumed_views, resumed_run, train_options
 PROGRAM = "deformrf-train"
 
 Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
-Box = Annotated[
-    tuple[float, float, float, float, float, float] | None,
-    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
-]
 Words = Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...", help_behavior_hint="")]
 
 

@@ -20,6 +20,10 @@ AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
 ]
 Meters = Annotated[Optional[float], tyro.conf.arg(metavar="METERS", help_behavior_hint="")]
 File = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
+Box = Annotated[
+    Optional[tuple[(float,) * 6]],
+    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
+]
 
 
 def plain_message(error: Exception) -> str:
