@@ -15,7 +15,6 @@ SMALLEST = 1e-2  # of an edge's weight, as a share of the median: see `laplacian
 TOLERANCE = 1e-6  # of weights, which lie between 0 and 1
 SETTLED = 1e-5  # the largest step of a weight
 MOST_STEPS = 2000
-OPPOSITE = EDGES[::-1]  # the edge that shares no corner with edge k of a tet is edge 5 − k
 
 
 @dataclass(frozen=True)
