@@ -54,28 +54,6 @@ class Box:
 Collider = Sphere | Box
 
 
-def way_out(row, center, points):
-    """Unit vectors [N, 3] and distances [N] that lead points out of a collider; 0 outside.
-
-    Args:
-        row: As on the device.  [COLLIDER_SIZE]
-        center: Where the collider is now.  [3]
-        points: [N, 3]
-    """
-    arms, half = points - center, np.asarray(row[7:])
-    if row[0] == SPHERE:
-        lengths = np.linalg.norm(arms, axis=1)
-        up = np.array([0.0, 0.0, 1.0])
-        units = np.where((lengths > 0)[:, None], arms / np.maximum(lengths, 1e-300)[:, None], up)
-        return units, np.maximum(half[0] - lengths, 0.0)
-    depths = half - np.abs(arms)
-    axis = depths.argmin(axis=1)
-    every = np.arange(len(points))
-    units = np.zeros_like(arms)
-    units[every, axis] = np.where(arms[every, axis] < 0.0, -1.0, 1.0)
-    return units, np.maximum(depths[every, axis], 0.0)
-
-
 class ColliderRows:
     """The colliders of a solver, and their rows on the device.
 

@@ -25,14 +25,6 @@ SMALLEST_REST = 0.1  # of a constraint's rest value in the mesh's own shape
 wp.set_module_options({"enable_backward": False})
 
 
-def flowed(lengths, rest_lengths, first_rest_lengths, yield_strain):
-    """Rest lengths after a frame that ends with these lengths.  [C]"""
-    strain = lengths / rest_lengths - 1.0
-    kept = lengths / (1.0 + np.clip(strain, -yield_strain, yield_strain))
-    kept = np.where(np.abs(strain) > yield_strain, kept, rest_lengths)
-    return np.clip(kept, first_rest_lengths / FLOW_LIMIT, first_rest_lengths * FLOW_LIMIT)
-
-
 @wp.kernel(grid_stride=False)
 def flow_kernel(
     vertices: wp.array(dtype=wp.vec3),  # [V]

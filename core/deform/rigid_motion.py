@@ -23,18 +23,6 @@ SMALLEST_ARM = 1e-6  # m: nor a point about itself
 wp.set_module_options({"enable_backward": False})
 
 
-def rigid_velocities(vertices, velocities, masses):
-    """s of the vertices of one part, in float64.  [V, 3]"""
-    m = masses[:, None]
-    r = vertices - (m * vertices).sum(axis=0) / m.sum()
-    u = (m * velocities).sum(axis=0) / m.sum()
-    inertia = (masses * (r**2).sum(axis=1)).sum() * np.eye(3) - (m * r).T @ r
-    least = SMALLEST_TURN * np.trace(inertia) + SMALLEST_ARM**2 * m.sum()
-    inertia += least * np.eye(3)
-    spin = np.linalg.solve(inertia, (m * np.cross(r, velocities - u)).sum(axis=0))
-    return u + np.cross(spin, r)
-
-
 @wp.kernel(grid_stride=False)
 def damp_kernel(
     state: VertexArrays,

@@ -15,14 +15,14 @@ from deformrf.core.definition.solver import (
     project_edges,
     project_volumes,
 )
-from deformrf.core.deform.colliders import way_out
+from deformrf.core.deform.colliders import SPHERE
 from deformrf.core.deform.constraints import (
     LEAVING_SPEED,
     PRESS_SHARE,
     EdgeConstraints,
     VolumeConstraints,
 )
-from deformrf.core.deform.rigid_motion import rigid_velocities
+from deformrf.core.deform.rigid_motion import SMALLEST_ARM, SMALLEST_TURN
 from deformrf.core.deform.xpbd_options import Timing
 
 
@@ -89,6 +89,18 @@ def _damped(frame, x, v):
     return v
 
 
+def rigid_velocities(vertices, velocities, masses):
+    """s of rigid_motion.py, of the vertices of one part, in float64.  [V, 3]"""
+    m = masses[:, None]
+    r = vertices - (m * vertices).sum(axis=0) / m.sum()
+    u = (m * velocities).sum(axis=0) / m.sum()
+    inertia = (masses * (r**2).sum(axis=1)).sum() * np.eye(3) - (m * r).T @ r
+    least = SMALLEST_TURN * np.trace(inertia) + SMALLEST_ARM**2 * m.sum()
+    inertia += least * np.eye(3)
+    spin = np.linalg.solve(inertia, (m * np.cross(r, velocities - u)).sum(axis=0))
+    return u + np.cross(spin, r)
+
+
 def _driven(frame, v):
     """Velocities after damping, gravity and the air of a substep."""
     timing, decay = frame.timing, frame.timing.decay
@@ -136,3 +148,25 @@ def _outside(frame, row, x, before, fraction):
     slid -= (slid * units).sum(axis=1, keepdims=True) * units
     length = np.linalg.norm(slid, axis=1, keepdims=True)
     return x - np.minimum(1.0, frame.timing.friction * push / np.maximum(length, TINY)) * slid
+
+
+def way_out(row, center, points):
+    """Unit vectors [N, 3] and distances [N] that lead points out of a collider; 0 outside.
+
+    Args:
+        row: As on the device.  [COLLIDER_SIZE]
+        center: Where the collider is now.  [3]
+        points: [N, 3]
+    """
+    arms, half = points - center, np.asarray(row[7:])
+    if row[0] == SPHERE:
+        lengths = np.linalg.norm(arms, axis=1)
+        up = np.array([0.0, 0.0, 1.0])
+        units = np.where((lengths > 0)[:, None], arms / np.maximum(lengths, 1e-300)[:, None], up)
+        return units, np.maximum(half[0] - lengths, 0.0)
+    depths = half - np.abs(arms)
+    axis = depths.argmin(axis=1)
+    every = np.arange(len(points))
+    units = np.zeros_like(arms)
+    units[every, axis] = np.where(arms[every, axis] < 0.0, -1.0, 1.0)
+    return units, np.maximum(depths[every, axis], 0.0)
