@@ -5,8 +5,8 @@ a Gauss–Seidel sweep, whose result does not depend on the order within a color
 barrier in each substep, so fewer colors are faster.
 
 A mesh cut from a lattice takes the lattice's colors.  Constraints that differ by a translation of
-the lattice get the same color, so only the constraints of one period are colored, and their graph
-is small enough for a search.  A15 needs 14 colors for edges and 26 for tets this way; greedy
+the lattice get the same color, so only the constraints of one period have to be colored, once for
+all time (KNOWN).  A15 needs 14 colors for edges and 26 for tets this way; greedy
 coloring takes 18 and 32.  (A vertex of A15 has up to 24 tets.)
 
 Shapes: V vertices, C constraints of n vertices each (n = 2 for edges, 4 for tets), P
@@ -23,12 +23,17 @@ from .mesh import EDGES
 
 TOLERANCE = 0.02  # of dx; float32 vertices are 1e-4 of it away
 SHARE = 0.9  # of the vertices that have to be on the lattice
-SEARCH_STEPS = 600  # per number of colors; 400 already find the fewest
-# What the search finds for A15, by the number of a constraint's vertices, as digits of base 36:
-# each start of the viewer would search for the same.
+# Colors of the constraints of one period, as digits of base 36, by lattice and number of vertices
+# of a constraint: the fewest that the search of tests/support/color_search.py finds.
 KNOWN = {
-    2: "755328102493766a274d159c5c30dadb1c8adb60a401b7c9984263",
-    4: "8ndgfp1o7lgn6fphd81o7lh6am50jib42c9e3kc24bk3e9",
+    (A15, 2): "755328102493766a274d159c5c30dadb1c8adb60a401b7c9984263",
+    (A15, 4): "8ndgfp1o7lgn6fphd81o7lh6am50jib42c9e3kc24bk3e9",
+    (BCC, 2): "d07b46409b9105dac16d3b12dc703ab29c077465c501097a36b9808d37db4a958"
+    "c7a1c5c2636172589a2a38458453a89b1dc6b43216d2482",
+    (BCC, 4): "n5cbflgjn56hcmgj2e41ka8l7a09i3hmd9d734bie2860g1f5kflbcjn5kmch6jnd"
+    "g47ial1a980hme32829be34kd160if7",
+    (KUHN, 2): "68a34815273c980a87c33b907c09cab2627d146540d1ab594d2b651d",
+    (KUHN, 4): "k9c4dm108jhlbanh5cdm61k39fe0i2g47l8jn7ba6ei25g3f",
 }
 
 
@@ -172,53 +177,13 @@ def _keys(lattice, addresses):
 @cache
 def _table(lattice, vertex_count):
     """Keys of the constraints of one period, ascending, and their colors.  [P], [P]"""
-    keys, constraints = _one_period(lattice, vertex_count)
-    if lattice is A15:
-        return keys, np.array([int(digit, 36) for digit in KNOWN[vertex_count]])
-    return keys, _few_colors(constraints)
+    keys = np.unique(_keys(lattice, one_period(lattice, vertex_count)))
+    return keys, np.array([int(digit, 36) for digit in KNOWN[lattice, vertex_count]])
 
 
-def _one_period(lattice, vertex_count):
-    """Keys of the constraints of one period, ascending, and their sites.  [P], [P, n]"""
+def one_period(lattice, vertex_count):
+    """Addresses of the constraints of one period; an edge is there once for each of its tets."""
     tets = cell_tets(lattice)
-    period = _period(lattice)
-    repeats = np.array(list(product(range(0, period, lattice.cell_edge), repeat=3)))
+    repeats = np.array(list(product(range(0, _period(lattice), lattice.cell_edge), repeat=3)))
     tets = (tets[None] + repeats[:, None, None]).reshape(-1, 4, 3)
-    constraints = tets if vertex_count == 4 else tets[:, EDGES].reshape(-1, 2, 3)
-    keys, first = np.unique(_keys(lattice, constraints), return_index=True)
-    x, y, z = np.moveaxis(constraints[first] % period, -1, 0)
-    return keys, (x * period + y) * period + z
-
-
-def _few_colors(constraints):
-    """Colors of a small set of constraints, as few as a short search finds.  [P] int"""
-    touches = (constraints[:, :, None, None] == constraints[None, None]).any(axis=(1, 3))
-    np.fill_diagonal(touches, False)
-    count = np.unique(constraints, return_counts=True)[1].max()  # no fewer will do
-    while (colors := _search(touches, count)) is None:
-        count += 1
-    return colors
-
-
-def _search(touches, color_count):
-    """A coloring with that many colors, by tabu search; None if the search fails.  [P] int"""
-    random = np.random.default_rng(0)  # the same colors in every process
-    each = np.arange(len(touches))
-    colors = random.integers(color_count, size=len(touches))
-    # Number of neighbors of each constraint with each color.
-    clashes = touches.astype(int) @ (colors[:, None] == np.arange(color_count))
-    forbidden_until = np.zeros_like(clashes)
-    for step in range(SEARCH_STEPS):
-        own = clashes[each, colors]
-        if not own.any():
-            return colors
-        change = clashes - own[:, None] + 1000 * (forbidden_until > step)
-        change[each, colors] = change[own == 0] = 10**6
-        best = np.flatnonzero(change.ravel() == change.min())
-        constraint, color = divmod(best[random.integers(len(best))], color_count)
-        old = colors[constraint]
-        colors[constraint] = color
-        clashes[:, old] -= touches[constraint]
-        clashes[:, color] += touches[constraint]
-        forbidden_until[constraint, old] = step + 5 + random.integers(10)
-    return None
+    return tets if vertex_count == 4 else tets[:, EDGES].reshape(-1, 2, 3)

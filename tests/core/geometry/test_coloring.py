@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from color_search import few_colors, sites
 
 from deformrf.core.geometry import (
     A15,
@@ -18,8 +19,6 @@ from deformrf.core.geometry import (
     lattice_addresses,
 )
 from deformrf.core.geometry.coloring import (
-    _few_colors,
-    _one_period,
     _table,
     complete_colors,
     periodic_classes,
@@ -48,11 +47,13 @@ def assert_partition(constraints, order, offsets):
 
 
 @pytest.mark.parametrize("vertex_count", [2, 4])
-def test_known_colors_are_as_few_as_the_search_finds(vertex_count):
-    keys, constraints = _one_period(A15, vertex_count)
-    known_keys, known = _table(A15, vertex_count)
+@pytest.mark.parametrize("lattice", [A15, BCC, KUHN])
+def test_known_colors_are_as_few_as_the_search_finds(lattice, vertex_count):
+    keys, constraints = sites(lattice, vertex_count)
+    known_keys, known = _table(lattice, vertex_count)
     np.testing.assert_array_equal(keys, known_keys)
-    assert len(np.unique(known)) == len(np.unique(_few_colors(constraints)))
+    assert len(known) == len(keys)
+    assert len(np.unique(known)) == len(np.unique(few_colors(constraints)))
     for color in np.unique(known):
         touched = constraints[known == color].ravel()
         assert len(np.unique(touched)) == len(touched)
