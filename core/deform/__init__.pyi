@@ -21,7 +21,7 @@ from .strain import (
 )
 
 # For the viewer.
-from .kernels import kernel_modules as kernel_modules
+from .xpbd import kernel_modules as kernel_modules
 
 # For solvers beside this one, which the lab compares with it.
 from .arrays import upload as upload

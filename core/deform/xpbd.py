@@ -19,7 +19,7 @@ from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
 from .colliders import ColliderRows
-from .contact.contact import Contact
+from .contact.contact import Contact, contact_modules
 from .frame.cpu import CpuFrame, takes_halves
 from .frame.cuda import CudaFrame, runs_in_block
 from .halves import cut
@@ -402,3 +402,14 @@ class XpbdSolver:
         free = self._active & (held == 0) & (self.material.damping > 0.0)
         self._state.free.assign(free[self._part_of].astype(np.int32))
         self._free_parts.select(free, math.exp(-self.material.damping * self._dt))
+
+
+def kernel_modules(device: wp.DeviceLike) -> list[str]:
+    """Names of the Warp modules whose kernels a solver launches, to compile before the first frame.
+
+    On CUDA a frame's main kernel, which depends on the mesh's size, is a module of its own
+    that is not among them.
+    """
+    frame = CudaFrame if str(device).startswith("cuda") else CpuFrame
+    of_frames = Feedback.__module__, FreeParts.__module__, frame.__module__
+    return [*of_frames, *contact_modules()]
