@@ -24,12 +24,8 @@ from .strain import (
 from .xpbd import kernel_modules as kernel_modules
 
 # For solvers beside this one, which the lab compares with it.
-from .arrays import upload as upload
 from .constraints import (
-    COMPLIANCE_FLOOR as COMPLIANCE_FLOOR,
-    SECOND_SOFTENING as SECOND_SOFTENING,
     SOFTENED_BELOW as SOFTENED_BELOW,
-    SWEEP_SOFTENING as SWEEP_SOFTENING,
     edge_constraints as edge_constraints,
     lumped_masses as lumped_masses,
     volume_constraints as volume_constraints,

@@ -68,21 +68,13 @@ class ColoredConstraints:
         """Compliances [C] where Young's modulus is multiplied by factors at the vertices.  [V]"""
         return compliances / factors[self.vertices].mean(axis=1)
 
-    def regularization(
-        self,
-        compliances,
-        inverse_masses,
-        substep,
-        floor=COMPLIANCE_FLOOR,
-        softening=(SWEEP_SOFTENING, SECOND_SOFTENING),
-    ):
+    def regularization(self, compliances, inverse_masses, substep):
         """a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, r_min w̄).  [C]"""
         weights = self.weights(inverse_masses)
         scaled = np.broadcast_to(compliances, weights.shape) / substep**2
-        first, second = softening
         with np.errstate(divide="ignore", invalid="ignore"):
-            a = scaled - first * weights - second * weights**2 / scaled
-        return np.fmax(a, floor * weights)  # also where both are 0
+            a = scaled - SWEEP_SOFTENING * weights - SECOND_SOFTENING * weights**2 / scaled
+        return np.fmax(a, COMPLIANCE_FLOOR * weights)  # also where both are 0
 
 
 @dataclass(frozen=True)

@@ -391,11 +391,10 @@ class XpbdSolver:
         for one, compliances in zip(self._lists, of_constraints, strict=True):
             whole = self._recovery.softened is not None or compliances is None
             one.select(movable, True if whole else np.isfinite(compliances))
-            regularization = one.constraints.regularization
             if self._recovery.softened is not None:
-                one.set_regularization(regularization(0.0, w, h, floor=self._recovery.softened))
+                one.set_regularization(self._recovery.softened * one.constraints.weights(w))
             elif compliances is not None:
-                one.set_regularization(regularization(compliances, w, h))
+                one.set_regularization(one.constraints.regularization(compliances, w, h))
         self._holds.prepare_springs(h)
         self._rest_shape.prepare(self.material.yield_strain)
         held = np.bincount(self._part_of, self._holds.held)

@@ -146,7 +146,6 @@ def test_regularization_has_a_floor():
     compliances = edges.compliances(1.0)
     floor = constraints.COMPLIANCE_FLOOR
     np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3), floor * w_of_edge)
-    np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3, floor=2.0), 2.0 * w_of_edge)
     np.testing.assert_allclose(
         edges.regularization(compliances, w, 1e-3),
         compliances * 1e6 - 0.5 * w_of_edge - 0.07 * w_of_edge**2 / (compliances * 1e6),
