@@ -43,7 +43,7 @@ COMPLIANCE_FLOOR = 0.05  # of w̄
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 STEP_LIMIT = 0.5  # of (6 V0)^⅓: how far a volume moves a vertex
 TINY = 1e-200  # in place of a length of 0
-EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tet
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # of a tet, Bey's m01..m23
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def project_volumes(x, w, tets: Constraints):
     return x
 
 
-def signed_volumes(x, tets):
+def signed_volumes(x: np.ndarray, tets: np.ndarray) -> np.ndarray:
     """V of each tet, negative if it is inside out.  [T]"""
     a, b, c, d = (x[tets[:, i]] for i in range(4))
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0

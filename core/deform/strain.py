@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..definition.deformation import edges_of
 from ..geometry import signed_volumes
 
 
@@ -29,18 +30,12 @@ class RestTets:
 def rest_tets(rest_vertices: ArrayLike, tets: np.ndarray) -> RestTets:
     """The tets of a shape [V, 3] whose volumes are positive."""
     rest = np.asarray(rest_vertices, float)
-    return RestTets(tets, np.linalg.inv(_edges(rest, tets)), signed_volumes(rest, tets))
-
-
-def _edges(vertices, tets):
-    """The matrices whose columns lead from a tet's first corner to the others.  [T, 3, 3]"""
-    corners = vertices[tets]
-    return (corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    return RestTets(tets, np.linalg.inv(edges_of(rest, tets)), signed_volumes(rest, tets))
 
 
 def deformation_gradients(vertices: ArrayLike, rest: RestTets) -> np.ndarray:
     """F of each tet when the vertices are there [V, 3].  [T, 3, 3]"""
-    return _edges(np.asarray(vertices, float), rest.tets) @ rest.inverses
+    return edges_of(np.asarray(vertices, float), rest.tets) @ rest.inverses
 
 
 def volume_ratios(gradients: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..definition.deformation import edges_of
 from .mesh import TetMesh
 
 MOST_STEPS = 64  # from tet to tet; a point that is farther away keeps the last one
@@ -43,7 +44,7 @@ def located(
     """
     tets, points = np.array(tets, np.int64), np.asarray(points, float)
     corners = mesh.rest_vertices[mesh.tets]
-    inverses = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))  # [T, 3, 3]
+    inverses = np.linalg.inv(edges_of(mesh.rest_vertices, mesh.tets))  # [T, 3, 3]
 
     def coordinates(ids):
         inner = np.einsum("nij,nj->ni", inverses[tets[ids]], points[ids] - corners[tets[ids], 0])

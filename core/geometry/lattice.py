@@ -32,6 +32,7 @@ from itertools import product
 
 import numpy as np
 
+from ..definition.lattice import MARGIN, PERIOD, PERIOD_VERTICES, SQUARED_EDGES
 from .mesh import EDGES, TetMesh
 
 
@@ -53,22 +54,11 @@ class Lattice:
         return joined
 
 
-_A15_VERTICES = (
-    (0, 0, 0),
-    (2, 2, 2),
-    (1, 2, 0),
-    (3, 2, 0),
-    (0, 1, 2),
-    (0, 3, 2),
-    (2, 0, 1),
-    (2, 0, 3),
-)
-A15 = Lattice(4, _A15_VERTICES, (4, 5, 6))
+A15 = Lattice(PERIOD, tuple(map(tuple, PERIOD_VERTICES.tolist())), SQUARED_EDGES)
 BCC = Lattice(2, ((0, 0, 0), (1, 1, 1)), (3, 4))
 KUHN = Lattice(1, ((0, 0, 0),), (1, 2, 3), monotone=True)
 ORDERS = np.array([[0, 1, 2, 3], [0, 2, 3, 1], [0, 3, 1, 2]])  # of corners, even permutations
 CROSSING_EDGES = np.array([[1, 4], [2, 3], [0, 5]])  # v0v2 and v1v3 of each, rows of EDGES
-MARGIN = 4  # the address of the unit cube's lowest corner, along each axis
 
 
 def cell_tets(lattice: Lattice) -> np.ndarray:

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..definition.solver import EDGES as EDGES
+from ..definition.solver import signed_volumes as signed_volumes
+
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # [4, 3], outward
 KEY_BITS = 21  # of a vertex id in the number of a face: three ids fit 63 bits
-EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])  # [6, 2], Bey's m01..m23
 
 
 @dataclass(frozen=True)
@@ -36,12 +38,6 @@ class TetMesh:
     @property
     def tet_count(self) -> int:
         return len(self.tets)
-
-
-def signed_volumes(vertices: np.ndarray, tets: np.ndarray) -> np.ndarray:
-    """Volume of each tet, negative if it is inverted.  [T]"""
-    a, b, c, d = (vertices[tets[:, i]] for i in range(4))
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
 
 
 def tet_neighbours(tets: np.ndarray) -> np.ndarray:
