@@ -1,24 +1,15 @@
 """Edge-length and tet-volume constraints: their vertices, rest values and compliances.
 
-A substep of length h projects every constraint once, from multiplier 0, so no multiplier is
-stored (XPBD, Macklin 2016, eq. 18; n substeps of one iteration, Macklin 2019).  With
-compliance α, inverse masses w and gradients g_i = ∂C/∂x_i
+core/definition/solver.py defines constraints, their projection and a, what stands for α/h² in it.
+Here are besides
 
-    Δλ = −C / (Σ w_i |g_i|² + a),   x_i += w_i Δλ g_i
-    a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, r_min w̄)
-
-    edge:   C = |x_i − x_j| − L,   α = 1/k_e,    k_e = 15 μ f V_e / L²,   w̄ = w_i + w_j
-    volume: C = 6 (V − V0),        α = 36 V0 / K_t,   w̄ = Σ w_i |g_i|² at rest
-    spring: C = |x_i − target|,    α = 1/k, with a force of at most F
-
-Projecting constraints one after another makes each softer: to first order, as if it had ½ w̄ h²
-more compliance.  So ½ w̄ is subtracted, and a measured term of second order
-(docs/design/002-dynamics.md).  A spring is projected last and needs no correction.  The lower bound
-r_min · w̄ prevents tangles of a stiff system.  An edge of length 0 takes a fixed pseudo-random
-direction; without it a collapsed body would never open.  The factor f makes a lattice equally stiff
-in all directions (isotropy.py).  A tet's bulk modulus K_t is the material's K, except on A15, where
-few tets have a bulk modulus, in place of all (locking.py).  A volume projection moves no vertex
-farther than STEP_LIMIT · (6 V0)^(1/3).
+    edge:   α = 1/k_e,  k_e = 15 μ f V_e / L²;  f makes a lattice equally stiff in all directions
+            (isotropy.py)
+    brace:  an edge of no tet (hinges.py)
+    volume: α = 36 V0 / K_t;  K_t is the material's K, except on A15, where few tets have a bulk
+            modulus, in place of all (locking.py)
+    spring: C = |x_i − target|,  α = 1/k, with a force of at most F.  It is projected last, so
+            a = α/h².
 
 Units: x [m], w [1/kg], L [m], 6 V0 [m³], K and μ [Pa]; a [1/kg] for edges and springs,
 [m⁴/kg] for volumes.  Shapes: V vertices, E edges, B braces, T tets, K handles.
@@ -69,7 +60,7 @@ class ColoredConstraints:
         return compliances / factors[self.vertices].mean(axis=1)
 
     def regularization(self, compliances, inverse_masses, substep):
-        """a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, r_min w̄).  [C]"""
+        """a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, 0.05 w̄).  [C]"""
         weights = self.weights(inverse_masses)
         scaled = np.broadcast_to(compliances, weights.shape) / substep**2
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -13,8 +13,7 @@ volume and the weight 16/3, so the bulk modulus is K, and a strain that keeps th
 more energy.  No vertex moves from its place in the cell, because the pressures around it balance.
 A tet at the mesh's boundary may have no chosen neighbor; it keeps its own K.
 
-Tets that are not chosen do not resist being turned inside out.  So in parts with an inverted tet,
-all tets keep their volume for a while (inversion.py).
+In parts with an inverted tet, all tets keep their volume for a while (inversion.py).
 
 Shapes: V vertices, T tets.
 """

@@ -1,8 +1,7 @@
 """The object's material in SI units, and the stiffnesses of its constraints.
 
-Averaged over directions, a network of springs with k_e L²/V_e = 15 μ on every edge is an
-isotropic solid with Lamé constants λ = μ, that is, with Poisson's ratio 1/4.  Volume
-constraints of bulk modulus K = λ − μ ≥ 0 add the rest (locking.py chooses their tets).
+Edges are springs of the shear modulus μ, with Lamé constants λ = μ, that is, Poisson's ratio 1/4.
+Volume constraints of bulk modulus K = λ − μ ≥ 0 add the rest.
 
     E Young's modulus [Pa], ν Poisson's ratio, μ = E / (2 (1 + ν)) [Pa]
     λ = E ν / ((1 + ν)(1 − 2ν)) [Pa], K [Pa]

@@ -1,8 +1,7 @@
 """Move tangled parts of a mesh back to their rest shape.
 
-Edge lengths are the same for a tet and its mirror image, and all volumes can be positive while two
-sheets of tets wrap one edge (tangles.py).  So tangles can be minima of the energy at every
-stiffness.  If a part stays tangled for PATIENCE while nothing is grabbed, the solver rescues it:
+Tangles (tangles.py) can be minima of the energy at every stiffness.  If a part stays tangled for
+PATIENCE while nothing is grabbed, the solver rescues it:
 
 1.  For SOFTENING, every constraint has r = a/w̄ = RATIO, and volumes are on, whatever the
     material.  That frees most tangles and keeps the object's motion.

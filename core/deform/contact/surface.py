@@ -74,15 +74,11 @@ def make_surface(rest_vertices, tets, clusters: Clusters) -> Surface:
 def bevels(rest_vertices, faces):
     """How far inside a face a point behind it has to be, for each of its edges.  3 × [F, 3]
 
-    A point inside the body that is δ behind a face is nearer to it than to the face across an
-    edge if its projection is more than δ k from that edge, k = tan(θ/2), θ the angle between the
-    normals (negative at a concave edge).
-
     Returns:
-        k times the length of the edge opposite each corner, and the least and the largest
-        barycentric coordinate of that corner: a face holds nothing that is nearer than RIM to a
-        sharp edge, or to a corner on one.
-        A body that slides over another one is a little inside it, and would hit its edges there.
+        As in `is_behind` of core/definition/contact.py: k times the length of the edge opposite
+        each corner, k negative at a concave edge, and the least and the largest barycentric
+        coordinate of that corner.  A face holds nothing that is nearer than RIM to a sharp edge,
+        or to a corner on one.
     """
     a, b, c = (rest_vertices[faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)
