@@ -9,7 +9,6 @@ import os
 import sys
 import threading
 import time
-from contextlib import contextmanager
 from functools import lru_cache
 from math import ceil
 from pathlib import Path
@@ -53,17 +52,12 @@ def thread_count() -> int:
     """
     affinity = getattr(os, "sched_getaffinity", None)  # Linux alone has it
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
-    return max(1, ceil(min(cores, _container_cores())))
+    return max(1, ceil(min(cores, _container_cores(int(time.monotonic())))))
 
 
-def _container_cores(root: Path = Path("/sys/fs/cgroup")) -> float:
+@lru_cache(maxsize=1)  # read once a second: rendering asks in every frame
+def _container_cores(_second: int, root: Path = Path("/sys/fs/cgroup")) -> float:
     """The CPU quota of the container in cores; infinite without one."""
-    return _quota(root, int(time.monotonic()))
-
-
-@lru_cache(maxsize=1)
-def _quota(root, _second) -> float:
-    """As _container_cores; read once a second, since rendering asks in every frame."""
     try:
         if (limit := root / "cpu.max").exists():  # cgroup v2: "200000 100000" or "max 100000"
             quota, period = limit.read_text().split()
@@ -118,20 +112,14 @@ def start_warp():
 
 
 def _init_silently():
+    """Initialize Warp without what its C++ prints to file descriptor 2, whatever the log level."""
     import warp as wp
 
-    with _stderr_silenced():  # Warp's C++ says so there, whatever the log level
-        wp.init()
-
-
-@contextmanager
-def _stderr_silenced():
-    """Send file descriptor 2 to nowhere, also for C++."""
     sys.stderr.flush()
     kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
-        yield
+        wp.init()
     finally:
         os.dup2(kept, 2)
         os.close(kept)

@@ -65,23 +65,26 @@ def test_a_containers_quota_is_read(tmp_path, files, cores):
     (tmp_path / "cpu").mkdir()
     for name, text in files.items():
         (tmp_path / name).write_text(text + "\n")
-    assert devices._container_cores(tmp_path) == cores
+    assert devices._container_cores(0, tmp_path) == cores
 
 
 def test_a_quota_is_read_once_a_second(tmp_path, monkeypatch):
     times = iter([10.2, 10.9, 11.0])
     monkeypatch.setattr("time.monotonic", lambda: next(times))
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(64), raising=False)
+    unpatched = devices._container_cores
+    monkeypatch.setattr(devices, "_container_cores", lambda second: unpatched(second, tmp_path))
     (tmp_path / "cpu.max").write_text("150000 100000\n")
-    assert devices._container_cores(tmp_path) == 1.5
+    assert thread_count() == 2
     (tmp_path / "cpu.max").write_text("300000 100000\n")
-    assert [devices._container_cores(tmp_path) for _ in range(2)] == [1.5, 3.0]
+    assert [thread_count() for _ in range(2)] == [2, 3]
 
 
 def test_threads_keep_to_affinity_and_quota(monkeypatch):
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 3, 5}, raising=False)
-    monkeypatch.setattr(devices, "_container_cores", lambda: float("inf"))
+    monkeypatch.setattr(devices, "_container_cores", lambda _second: float("inf"))
     assert thread_count() == 3
-    monkeypatch.setattr(devices, "_container_cores", lambda: 1.5)
+    monkeypatch.setattr(devices, "_container_cores", lambda _second: 1.5)
     assert thread_count() == 2
-    monkeypatch.setattr(devices, "_container_cores", lambda: 0.2)
+    monkeypatch.setattr(devices, "_container_cores", lambda _second: 0.2)
     assert thread_count() == 1
