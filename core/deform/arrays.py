@@ -69,9 +69,7 @@ class ContactArrays:
     shares: wp.array(dtype=float)  # [N]
     spans: wp.array2d(dtype=float)  # [N, 9] b − a, c − a, point − a at the frame's start
     bevels: wp.array2d(dtype=float)  # [N, 9] and rims and tops (contact/surface.py)
-    limits: wp.array(
-        dtype=float
-    )  # [2] a depth [m] and a speed [m/s], see core/definition/contact.py
+    limits: wp.array(dtype=float)  # [2] soft_depth and speed of core/definition/contact.py
     offsets: wp.array(dtype=int)  # [V + 1] vertex i is in the entries offsets[i]:offsets[i + 1]
     entries: wp.array(dtype=int)  # [5 N] 8 × contact + place among its vertices, rising
     touched: wp.array(dtype=int)  # [V] the vertices in contacts
@@ -164,7 +162,6 @@ class ConstraintList:
         count = len(constraints.vertices)
         self._classes = constraints.classes if by_class else np.zeros(count, int)
         self._sections = np.zeros(count, int) if halves is None else halves.sections(constraints)
-        self._section_count = 1 if halves is None else SECTIONS
         self._unused = vertex_count
         self._group = CUDA_GROUP if device.is_cuda else CPU_GROUP
         offsets = constraints.offsets
@@ -207,9 +204,8 @@ class ConstraintList:
 
     def _counts(self, in_use):
         """How many constraints each section of each color has in use."""
-        places = self._section_count * self._colors[in_use] + self._sections[in_use]
-        color_count = len(self.constraints.offsets) - 1
-        return np.bincount(places, minlength=self._section_count * color_count)
+        places = SECTIONS * self._colors[in_use] + self._sections[in_use]
+        return np.bincount(places, minlength=SECTIONS * (len(self.constraints.offsets) - 1))
 
     def _whole_groups(self, counts):
         return -(-counts // self._group) * self._group
@@ -230,7 +226,7 @@ class ConstraintList:
         self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
         self._put(self.arrays.ids, in_use)
         self._put(self.arrays.rest_values, rest_values[in_use])
-        begins, end = starts[:-1].reshape(-1, self._section_count), starts[-1]
+        begins, end = starts[:-1].reshape(-1, SECTIONS), starts[-1]
         used = np.diff(begins[:, 0], append=end) > 0  # colors that have constraints in use
         self.arrays.color_count.assign(np.array([used.sum()], np.int32))
         for array, values in (

@@ -37,14 +37,13 @@ class InversionGuard:
         self._since = self._frames = 0  # since the last report
 
     def take(self, material: Material | None, factors=None):
-        """Take a material, and factors of Young's modulus at the vertices [V]; None: no guard."""
+        """Take a material, with factors of Young's modulus at the vertices [V]; None: no guard."""
         self._of_all = None
         if material is None or (self._volumes.shares > 0.0).all() or not material.bulk_modulus > 0:
             return
         each = EACH_HOLDS * material.shear_modulus
-        self._of_all = self._volumes.compliances(material.bulk_modulus, each)
-        if factors is not None:
-            self._of_all = self._volumes.softened(self._of_all, factors)
+        of_all = self._volumes.compliances(material.bulk_modulus, each)
+        self._of_all = self._volumes.softened(of_all, factors)
 
     def touch(self):
         """The user did something: inversions from now on are new ones."""

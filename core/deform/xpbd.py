@@ -87,7 +87,7 @@ class XpbdSolver:
         self._part_of = components(count, self.tets)  # [V]
         self._active = np.zeros(self._part_of.max() + 1, bool)  # by part
         self._dt = TIME_STEP
-        self._stiffness = None  # factors of Young's modulus  [V]
+        self._stiffness = np.ones(count)  # factors of Young's modulus  [V]
 
         common = count, self.device, on_gpu and runs_in_block(count), halves
         self._lists = [ConstraintList(one, *common) for one in lists]
@@ -118,18 +118,16 @@ class XpbdSolver:
         """Take another material; positions and velocities stay."""
         self.material = material
         edges, volumes = material.compliances(self.edges, self.volumes)
-        if self._stiffness is not None:
-            edges = self.edges.softened(edges, self._stiffness)
-            volumes = None if volumes is None else self.volumes.softened(volumes, self._stiffness)
-        self._compliances = edges, volumes
+        if volumes is not None:
+            volumes = self.volumes.softened(volumes, self._stiffness)
+        self._compliances = self.edges.softened(edges, self._stiffness), volumes
         self._guard.take(material, self._stiffness)
         self.set_masses(constraints.lumped_masses(self.rest_vertices, self.tets, material.density))
 
     def set_stiffness(self, factors: ArrayLike | None) -> None:
         """Multiply Young's modulus by these numbers at the vertices; None: by 1.  [V]"""
-        if factors is not None:
-            factors = checks.factors(factors, len(self.pinned))
-        self._stiffness = factors
+        count = len(self.pinned)
+        self._stiffness = np.ones(count) if factors is None else checks.factors(factors, count)
         self.set_material(self.material)
 
     def set_compliances(self, edges: ArrayLike, volumes: ArrayLike | None) -> None:

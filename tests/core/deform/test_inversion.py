@@ -10,6 +10,7 @@ from deformrf.core.geometry.lattice import grid
 
 DT = 1.0 / 60.0
 ONE = a15_grid(0.12)
+EVEN = np.ones(2 * ONE.vertex_count)  # factors of Young's modulus in two parts
 
 
 def guard_of_two_parts():
@@ -23,7 +24,7 @@ def guard_of_two_parts():
 def test_only_the_part_with_an_inverted_tet_is_guarded():
     guard, volumes, part_of = guard_of_two_parts()
     material = Material()
-    guard.take(material)
+    guard.take(material, EVEN)
     usual = volumes.compliances(material.bulk_modulus)
     assert guard.guarded(usual) is usual
     assert guard.report(np.array([0, 3]), np.array([0, 5]))
@@ -40,7 +41,7 @@ def test_only_the_part_with_an_inverted_tet_is_guarded():
 
 def test_it_ends_after_a_while_twice_and_then_waits_for_the_user():
     guard, *_ = guard_of_two_parts()
-    guard.take(Material())
+    guard.take(Material(), EVEN)
 
     def seconds_guarded():
         guard.report(np.array([1, 0]), np.array([1, 0]))
@@ -58,7 +59,7 @@ def test_it_ends_after_a_while_twice_and_then_waits_for_the_user():
 
 def test_it_stays_while_tets_are_squeezed():
     guard, *_ = guard_of_two_parts()
-    guard.take(Material())
+    guard.take(Material(), EVEN)
     guard.report(np.array([1, 0]), np.array([1, 0]))
     for _ in range(200):
         assert not guard.begin(DT) or not guard.report(np.zeros(2), np.array([1, 0]))
@@ -67,7 +68,7 @@ def test_it_stays_while_tets_are_squeezed():
 
 def test_a_look_that_did_not_arrive_stays_due():
     guard, *_ = guard_of_two_parts()
-    guard.take(Material())
+    guard.take(Material(), EVEN)
     guard.report(np.array([1, 0]), np.array([1, 0]))
     for frame in range(1, 100):
         assert guard.begin(DT) == (frame >= LOOK_EVERY)
@@ -79,7 +80,7 @@ def test_there_is_none_where_all_tets_hold_or_none_does():
     mesh = grid(BCC, 0.2)
     volumes = constraints.volume_constraints(mesh.rest_vertices, mesh.tets)
     guard = InversionGuard(volumes, np.zeros(len(mesh.rest_vertices), int))
-    guard.take(Material())
+    guard.take(Material(), EVEN)
     assert not guard.report(np.ones(1), np.ones(1))
     guard, *_ = guard_of_two_parts()
     guard.take(Material(poisson_ratio=0.25))
