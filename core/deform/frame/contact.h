@@ -14,16 +14,8 @@ constexpr float load_unit = @CONTACT_LOAD_UNIT;
 float* const contact_results = frame.contacts.results.data;
 // An impulse, a distance, a shift, and five weights; rows of four floats.
 enum { IMPULSE = 0, HEIGHT = 3, SHIFT = 4, WEIGHT = 8, RESULTS = 16 };
-struct ContactBodies { Vector p, q, a, b, c; };
 
 auto contact_vertex = [&](int k, int j) { return frame.contacts.vertices.data[5 * k + j]; };
-auto combined = [&](const float* weight, const ContactBodies& v) {
-    Vector sum = times(weight[0], v.p);
-    sum = plus(sum, weight[1], v.q);
-    sum = plus(sum, weight[2], v.a);
-    sum = plus(sum, weight[3], v.b);
-    return plus(sum, weight[4], v.c);
-};
 
 // Where contact k is now: its normal, weights and distance; a distance of 0 if it is not active.
 auto look_at_contact = [&](int k) {
@@ -81,8 +73,7 @@ auto push_contact = [&](int k, int substep) {
     if (!(height < 0.0f)) return;
     const float part = per_count * substep;
     float total = 0.0f;
-    ContactBodies moved;  // since the substep's start
-    Vector* const moves[5] = {&moved.p, &moved.q, &moved.a, &moved.b, &moved.c};
+    Vector u = {0.0f, 0.0f, 0.0f, 0.0f};  // the relative motion since the substep's start
     for (int j = 0; j < 5; ++j) {
         const int i = contact_vertex(k, j);
         const Vector now = body_of(i);
@@ -97,13 +88,12 @@ auto push_contact = [&](int k, int substep) {
             from.y = part * (target[3 * i + 1] - x[3 * i + 1]);
             from.z = part * (target[3 * i + 2] - x[3 * i + 2]);
         }
-        *moves[j] = plus(now, -1.0f, from);
+        u = plus(u, weight, plus(now, -1.0f, from));
     }
     if (!(total > 0.0f)) {
         result[HEIGHT] = 0.0f;
         return;
     }
-    const Vector u = combined(result + WEIGHT, moved);
     const float nx = result[SHIFT], ny = result[SHIFT + 1], nz = result[SHIFT + 2];
     const float along = nx * u.x + ny * u.y + nz * u.z;
     const float first = height - along;  // the distance at the substep's start
