@@ -8,11 +8,8 @@ Shapes: V vertices, C constraints of one type, n = 2 (edges) or 4 (tets) vertice
 N contacts.
 """
 
-from typing import Any
-
 import numpy as np
 import warp as wp
-from numpy.typing import ArrayLike
 
 from .colliders import COLLIDER_SIZE, MOST_COLLIDERS
 from .constraints import NO_SPRING, ColoredConstraints
@@ -132,13 +129,6 @@ def contact_arrays(vertex_count, capacity, device):
         results=(capacity, 16),
         loads=vertex_count,
     )
-
-
-def upload(array: ArrayLike, dtype: Any, device: wp.DeviceLike) -> wp.array:
-    """A new array on the device; floating-point numbers become float32."""
-    if np.issubdtype(array.dtype, np.floating):
-        array = array.astype(np.float32)
-    return wp.array(np.ascontiguousarray(array), dtype=dtype, device=device)
 
 
 class ConstraintList:

@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 from ..geometry import signed_volumes
-from .arrays import ConstraintArrays, ConstraintList, upload
+from .arrays import ConstraintArrays, ConstraintList
 
 FLOW_LIMIT = 2.0  # times longer or shorter
 SMALLEST_REST = 0.1  # of a constraint's rest value in the mesh's own shape
@@ -94,7 +94,7 @@ class RestShape:
         if math.isinf(yield_strain):
             return
         device = self._positions.device
-        lengths = upload(self._edges.in_order(self._lengths()), float, device)
+        lengths = wp.array(self._edges.in_order(self._lengths()), dtype=float, device=device)
         self._flow = wp.launch(
             flow_kernel,
             len(lengths),

@@ -14,7 +14,7 @@ Units: m, m/s, kg, rad/s.  Shapes: V vertices, P parts (connected components of 
 import numpy as np
 import warp as wp
 
-from .arrays import VertexArrays, upload
+from .arrays import VertexArrays
 
 THREADS = 256  # of a part on CUDA
 SMALLEST_TURN = 1e-6  # of the trace of I: what lies on a line doesn't turn about it,
@@ -79,8 +79,8 @@ class FreeParts:
         self._decay = wp.zeros(1, dtype=float, device=self._device)
         self._arrays = [
             state,
-            upload(np.argsort(part_of, kind="stable"), int, self._device),
-            upload(np.append(0, np.cumsum(np.bincount(part_of))), int, self._device),
+            wp.array(np.argsort(part_of, kind="stable"), dtype=int, device=self._device),
+            wp.array(np.append(0, np.cumsum(np.bincount(part_of))), dtype=int, device=self._device),
         ]
         self._launch = None
 
@@ -89,7 +89,7 @@ class FreeParts:
         self._launch = None
         self._decay.fill_(decay)
         if free.any():
-            parts = upload(np.flatnonzero(free), int, self._device)
+            parts = wp.array(np.flatnonzero(free), dtype=int, device=self._device)
             self._launch = wp.launch_tiled(
                 damp_kernel,
                 dim=len(parts),

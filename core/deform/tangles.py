@@ -27,7 +27,6 @@ import numpy as np
 import warp as wp
 
 from ..geometry import EDGES, signed_volumes
-from .arrays import upload
 from .constraints import UNLIMITED
 
 wp.set_module_options({"enable_backward": False})
@@ -135,9 +134,10 @@ class Feedback:
         """
         self._device = device = motion.device
         self._mesh = rest_vertices, tets
-        self._tets = upload(tets, wp.vec4i, device)
-        self._rest_volumes = upload(6.0 * signed_volumes(rest_vertices, tets), float, device)
-        self._parts = upload(parts, int, device)
+        self._tets = wp.array(tets, dtype=wp.vec4i, device=device)
+        rest_volumes = 6.0 * signed_volumes(rest_vertices, tets)
+        self._rest_volumes = wp.array(rest_volumes, dtype=float, device=device)
+        self._parts = wp.array(parts, dtype=int, device=device)
         self._fans = None  # the first count builds them
         self._motion = motion
         self._counts = wp.zeros((4, int(parts.max()) + 1), dtype=int, device=device)
@@ -200,6 +200,8 @@ class Feedback:
         if self._fans is None:
             dtypes = Fans(wp.vec2i, int, wp.vec2i, float, float)
             pairs = zip(fans(*self._mesh), dtypes, strict=True)
-            self._fans = Fans(*(upload(array, dtype, self._device) for array, dtype in pairs))
+            self._fans = Fans(
+                *(wp.array(array, dtype=dtype, device=self._device) for array, dtype in pairs)
+            )
         inputs = [vertices, *self._fans, stretch, self._parts, self._counts]
         wp.launch(count_wrapped_kernel, len(self._fans.ends), inputs, device=self._device)

@@ -8,7 +8,7 @@ import warp as wp
 
 from ...base.recorded import Recorded
 from ...geometry import components, edges
-from ..arrays import VertexArrays, contact_arrays, upload
+from ..arrays import VertexArrays, contact_arrays
 from . import boxes, detection, listing
 from .boxes import ASLEEP, AWAKE, OUT, ContactShape
 from .clusters import make_clusters
@@ -234,7 +234,7 @@ def _on_device(rest_vertices, clusters, surface, device) -> ContactShape:
     }
     shape = ContactShape()
     for name, variable in ContactShape.vars.items():
-        setattr(shape, name, upload(values[name], variable.type.dtype, device))
+        setattr(shape, name, wp.array(values[name], dtype=variable.type.dtype, device=device))
     return shape
 
 
