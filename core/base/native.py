@@ -10,7 +10,7 @@ LANES_H = Path(__file__).parent / "lanes.h"
 MOST_LANES = 16  # of a vector, on any processor; rows of weights are a multiple of it
 
 
-def native_source(path: Path, includes=(), values=None, section="") -> str:
+def native_source(path: Path, includes, values, section="") -> str:
     """The text of a file with others in it.
 
     Args:
@@ -26,6 +26,6 @@ def native_source(path: Path, includes=(), values=None, section="") -> str:
     for file in includes:
         line = f'#include "{file.name}"\n'
         source = source.replace(line, file.read_text(encoding="utf-8"))
-    for name, value in (values or {}).items():
+    for name, value in values.items():
         source = source.replace(f"@{name}", str(value))
     return source

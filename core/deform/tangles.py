@@ -139,11 +139,10 @@ class Feedback:
         self._rest_volumes = wp.array(rest_volumes, dtype=float, device=device)
         self._parts = wp.array(parts, dtype=int, device=device)
         self._fans = None  # the first count builds them
-        self._motion = motion
         self._counts = wp.zeros((4, int(parts.max()) + 1), dtype=int, device=device)
-        self._copies = sources = [motion, self._counts]
+        self._sources = self._copies = [motion, self._counts]
         if device.is_cuda:
-            self._copies = [wp.zeros_like(array, device="cpu", pinned=True) for array in sources]
+            self._copies = [wp.zeros_like(a, device="cpu", pinned=True) for a in self._sources]
         self._on_host = [copy.numpy() for copy in self._copies]
         self._expected = 0  # how many of them are on their way
         self._only_inverted = False
@@ -165,9 +164,8 @@ class Feedback:
             self._count_wrapped(vertices, STRETCH if overlong else UNLIMITED)
         self._expected = 2 if count or inverted else 1
         if self._copied is not None:
-            sources = self._motion, self._counts
-            for copy, source in zip(self._copies[: self._expected], sources, strict=False):
-                wp.copy(copy, source)
+            for k in range(self._expected):
+                wp.copy(self._copies[k], self._sources[k])
             self._device.stream.record_event(self._copied)
 
     def read(self):

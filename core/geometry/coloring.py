@@ -79,8 +79,6 @@ def complete_colors(constraints, colors, vertex_count):
     used = [0] * vertex_count  # bit c: a constraint of color c touches this vertex
     colors = colors.copy()
     missing = np.flatnonzero(colors < 0)
-    if len(missing) == 0:
-        return colors
     near = np.zeros(vertex_count, bool)
     near[constraints[missing]] = True
     given = np.flatnonzero((colors >= 0) & near[constraints].any(axis=1))

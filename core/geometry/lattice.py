@@ -6,7 +6,7 @@
     Kuhn     1 dx       1         6      1, 2, 3 dx²        45° to 90°
 
 Every vertex is an integer multiple of dx.  A15 is the acute tiling of QuarTet; DeformRF,
-section 4.1, uses it with dx = 0.02.  Training uses A15; the report compares the others with it.
+section 4.1, uses it with dx = 0.02.  Training uses A15; tests compare the others with it.
 
 The code derives the tets: they are the 4-cliques of the graph that joins vertices at the
 distances above.  For tetrahedrally close-packed structures (A15) and BCC these cliques are the
@@ -50,7 +50,6 @@ class Lattice:
         joined = np.isin((differences**2).sum(-1), self.squared_lengths)
         if self.monotone:
             joined &= (differences >= 0).all(-1) | (differences <= 0).all(-1)
-            joined &= (np.abs(differences) <= 1).all(-1)
         return joined
 
 

@@ -6,7 +6,7 @@ threads.  In larger meshes, the threads share each color.  A thread that waits f
 spins, because waiting through the operating system would take longer than a color.  The result
 depends neither on the cut nor on the number of threads.
 
-core/definition/solver.py defines the substep.  Shapes: V vertices.
+Shapes: V vertices.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -14,8 +14,6 @@ Shared memory has eight banks of 16 bytes, and eight threads that access the sam
 for each other.  Translates of one constraint are neighbors in the order (coloring.py).  A vertex's
 bank is the parity of its lattice cell, so most groups of eight threads use eight banks.
 
-core/definition/solver.py defines the substep.
-
 Shapes: V vertices; arrays have space for E edges and T tets.
 """
 

@@ -12,7 +12,6 @@ from ..colliders import COLLIDER_SIZE
 from ..constraints import CONTACT_LOAD_UNIT, LEAVING_SPEED, PRESS_SHARE
 
 FOLDER = Path(__file__).parent
-SHARED = "substep.h", "contact.h"
 
 
 def native_kernel(name: str, scratch_type, values: dict, **options):
@@ -34,7 +33,7 @@ def native_kernel(name: str, scratch_type, values: dict, **options):
     }
     values = values | {name: f"{value}f" for name, value in limits.items()}
     values["COLLIDER_SIZE"] = COLLIDER_SIZE
-    shared = [FOLDER / text for text in SHARED]
+    shared = [FOLDER / "substep.h", FOLDER / "contact.h"]
     source = native_source(FOLDER / name, shared, values)
 
     @wp.func_native(source)

@@ -121,7 +121,7 @@ def test_a_still_body_in_another_shape_stays_awake(monkeypatch, found):
         if solver.settled:
             break
         solver.vertices.assign(BENT.astype(np.float32))
-        solver._feedback._motion.zero_()
+        solver._motion.zero_()
         solver.velocities.zero_()
     assert solver.settled == found
     solver.set_state(REST)
