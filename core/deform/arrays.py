@@ -184,13 +184,7 @@ class ConstraintList:
     def set_rest_values(self, values):
         """Take rest values of all constraints.  [C]"""
         self._rest_values = values.copy()
-        self._put(self.arrays.rest_values, values[self.in_use])
-
-    def in_order(self, values):
-        """Values of all constraints [C] in the order of the arrays, 1 in unused entries."""
-        filled = np.ones(len(self.arrays.ids), np.float32)
-        filled[self._places] = values[self.in_use]
-        return filled
+        self.put(self.arrays.rest_values, values)
 
     def _counts(self, in_use):
         """How many constraints each section of each color has in use."""
@@ -213,9 +207,9 @@ class ConstraintList:
         starts = np.append(0, np.cumsum(self._whole_groups(counts)))
         unused_before = starts[:-1] - (np.cumsum(counts) - counts)  # entries before each section
         self._places = np.arange(len(in_use)) + np.repeat(unused_before, counts)
-        self._put(self.arrays.vertices, self.constraints.vertices[in_use], self._unused)
-        self._put(self.arrays.ids, in_use)
-        self._put(self.arrays.rest_values, rest_values[in_use])
+        self.put(self.arrays.vertices, self.constraints.vertices, self._unused)
+        self.put(self.arrays.ids, np.arange(len(rest_values)))
+        self.put(self.arrays.rest_values, rest_values)
         begins, end = starts[:-1].reshape(-1, SECTIONS), starts[-1]
         used = np.diff(begins[:, 0], append=end) > 0  # colors that have constraints in use
         self.arrays.color_count.assign(np.array([used.sum()], np.int32))
@@ -232,11 +226,10 @@ class ConstraintList:
 
         a is 0 only where no vertex can move and the compliance is 0; 1 avoids 0/0 there.
         """
-        values = values[self.in_use]
-        self._put(self.arrays.regularization, np.where(values > 0.0, values, 1.0))
+        self.put(self.arrays.regularization, np.where(values > 0.0, values, 1.0))
 
-    def _put(self, array, values, unused=1):
-        """Fill an array; 1 in unused entries avoids a division by zero."""
+    def put(self, array, values, unused=1):
+        """Fill an array with values of all constraints [C]; 1 elsewhere avoids divisions by 0."""
         filled = np.full(array.shape, unused, wp.dtype_to_numpy(array.dtype))
-        filled[self._places] = values
+        filled[self._places] = values[self.in_use]
         array.assign(filled)

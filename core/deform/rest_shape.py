@@ -93,13 +93,13 @@ class RestShape:
         self._flow = None
         if math.isinf(yield_strain):
             return
-        device = self._positions.device
-        lengths = wp.array(self._edges.in_order(self._lengths()), dtype=float, device=device)
+        lengths = wp.empty_like(self._edges.arrays.rest_values)
+        self._edges.put(lengths, self._lengths())
         self._flow = wp.launch(
             flow_kernel,
             len(lengths),
             [self._positions, self._edges.arrays, lengths, yield_strain],
-            device=device,
+            device=self._positions.device,
             record_cmd=True,
         )
 

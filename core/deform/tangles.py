@@ -169,11 +169,9 @@ class Feedback:
             self._device.stream.record_event(self._copied)
 
     def read(self):
-        """Motion [m]; inverted and squeezed tets [2, P]; tangles [3, P].
+        """Motion [m]; inverted and squeezed tets [2, P]; tangles [3, P]; None for what isn't new.
 
         Tangles are inverted tets, wrapped edges, and tets that aren't finite.
-
-        None for what isn't new.
         """
         if self._expected and self._copied is not None:
             wp.synchronize_event(self._copied)
