@@ -45,13 +45,6 @@ class Lattice:
     squared_lengths: tuple[int, ...]  # of edges
     monotone: bool = False  # whether no edge rises along one axis and falls along another
 
-    def joins(self, differences: np.ndarray) -> np.ndarray:
-        """Whether an edge joins vertices with these differences.  [..., 3] int -> [...] bool"""
-        joined = np.isin((differences**2).sum(-1), self.squared_lengths)
-        if self.monotone:
-            joined &= (differences >= 0).all(-1) | (differences <= 0).all(-1)
-        return joined
-
 
 A15 = Lattice(PERIOD, tuple(map(tuple, PERIOD_VERTICES.tolist())), SQUARED_EDGES)
 BCC = Lattice(2, ((0, 0, 0), (1, 1, 1)), (3, 4))
@@ -70,7 +63,10 @@ def cell_tets(lattice: Lattice) -> np.ndarray:
     points = (np.array(lattice.cell_vertices)[None] + offsets[:, None]).reshape(-1, 3)
     order = np.lexsort(points.T[::-1])
     points = points[order]
-    joined = lattice.joins(points[:, None] - points[None])
+    steps = points[:, None] - points[None]
+    joined = np.isin((steps**2).sum(-1), lattice.squared_lengths)
+    if lattice.monotone:
+        joined &= (steps >= 0).all(-1) | (steps <= 0).all(-1)
     later = joined & (np.arange(len(points))[:, None] < np.arange(len(points)))
     in_cell = ((points >= 0) & (points < lattice.cell_edge)).all(axis=1)
     tets = [
