@@ -77,23 +77,20 @@ def lattice_colors(constraints, rest_vertices):
 def complete_colors(constraints, colors, vertex_count):
     """The given colors; each -1 becomes the lowest color that no neighbor has so far.  [C] int"""
     used = [0] * vertex_count  # bit c: a constraint of color c touches this vertex
-    colors = colors.copy()
     missing = np.flatnonzero(colors < 0)
     near = np.zeros(vertex_count, bool)
     near[constraints[missing]] = True
     given = np.flatnonzero((colors >= 0) & near[constraints].any(axis=1))
-    for vertices, color in zip(constraints[given].tolist(), colors[given].tolist(), strict=True):
+    order, colors = np.append(given, missing), colors.tolist()
+    for constraint, vertices in zip(order.tolist(), constraints[order].tolist(), strict=True):
+        if colors[constraint] < 0:
+            taken = 0
+            for vertex in vertices:
+                taken |= used[vertex]
+            colors[constraint] = (~taken & (taken + 1)).bit_length() - 1  # the lowest that is free
         for vertex in vertices:
-            used[vertex] |= 1 << color
-    for constraint, vertices in zip(missing.tolist(), constraints[missing].tolist(), strict=True):
-        taken = 0
-        for vertex in vertices:
-            taken |= used[vertex]
-        lowest_free = ~taken & (taken + 1)
-        colors[constraint] = lowest_free.bit_length() - 1
-        for vertex in vertices:
-            used[vertex] |= lowest_free
-    return colors
+            used[vertex] |= 1 << colors[constraint]
+    return np.array(colors)
 
 
 def lattice_addresses(rest_vertices: np.ndarray) -> tuple[Lattice, np.ndarray, np.ndarray] | None:
