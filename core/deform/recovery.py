@@ -33,7 +33,6 @@ class Recovery:
 
     Attributes:
         rescue: What is tried, when, and on which parts.
-        softened: The r of all constraints in this frame; None for the material's.
 
     Args:
         contact: The body's Contact.
@@ -42,7 +41,7 @@ class Recovery:
     """
 
     def __init__(self, state, holds: Holds, rest_shape: RestShape, contact, part_of, size):
-        self.rescue, self.softened = Rescue(), None
+        self.rescue, self._ratio = Rescue(), None  # the ratio that coefficients are made for
         self._state, self._holds, self._rest_shape = state, holds, rest_shape
         self._contact, self._drag, self._interval = contact, 0.0, STUCK_INTERVAL
         self._part_of, self._size = part_of, size
@@ -104,8 +103,8 @@ class Recovery:
     def follow(self):
         """Do what the rescue wants in this frame; the vertices that it concerns, or None.  [V]"""
         rescue, concerned = self.rescue, None
-        if rescue.ratio != self.softened:
-            self.softened = rescue.ratio
+        if rescue.ratio != self._ratio:
+            self._ratio = rescue.ratio
             concerned = np.ones(len(self._part_of), bool)
         if rescue.parts is None:
             return self._stop() if concerned is None else concerned

@@ -313,7 +313,7 @@ class XpbdSolver:
             self._prepare()
         self._frame.run(
             self.options.substeps(dt),
-            self._compliances[1] is not None or self._recovery.softened is not None,
+            self._compliances[1] is not None or self.rescue.ratio is not None,
             self._holds.springs is not None,
             self.options.ground is not None,
             self._free_parts.damp(),
@@ -387,10 +387,10 @@ class XpbdSolver:
         of_edges, of_volumes = self._compliances
         of_constraints = of_edges, self._guard.guarded(of_volumes)
         for one, compliances in zip(self._lists, of_constraints, strict=True):
-            whole = self._recovery.softened is not None or compliances is None
+            whole = self.rescue.ratio is not None or compliances is None
             one.select(movable, True if whole else np.isfinite(compliances))
-            if self._recovery.softened is not None:
-                one.set_regularization(self._recovery.softened * one.constraints.weights(w))
+            if self.rescue.ratio is not None:
+                one.set_regularization(self.rescue.ratio * one.constraints.weights(w))
             elif compliances is not None:
                 one.set_regularization(one.constraints.regularization(compliances, w, h))
         self._holds.prepare_springs(h)
