@@ -5,13 +5,13 @@
     BCC      2 dx       2         12     3, 4 dx²           60° and 90°
     Kuhn     1 dx       1         6      1, 2, 3 dx²        45° to 90°
 
-Every vertex is an integer multiple of dx.  A15 is the acute tiling of QuarTet; DeformRF,
-section 4.1, uses it with dx = 0.02.  Training uses A15; tests compare the others with it.
+Every vertex is an integer multiple of dx.  Training uses A15, the acute tiling of QuarTet; tests
+compare the others with it.
 
-The code derives the tets: they are the 4-cliques of the graph that joins vertices at the
-distances above.  For tetrahedrally close-packed structures (A15) and BCC these cliques are the
-Delaunay cells.  Kuhn's graph joins two vertices only if no two components of their difference
-have opposite signs, so its cliques are the monotone paths through a cube.
+Tets are the 4-cliques of the graph that joins vertices at the distances above.  For tetrahedrally
+close-packed structures (A15) and BCC these cliques are the Delaunay cells.  Kuhn's graph joins two
+vertices only if no two components of their difference have opposite signs, so its cliques are the
+monotone paths through a cube.
 
 The order of a tet's corners determines the shapes of its descendants (subdivision.py).  Let a, b,
 c, d be the steps of the closed path v0 v1 v2 v3 v0.  Every descendant has the same four steps,
