@@ -131,18 +131,18 @@ auto load = [&](const float* from) {
 };
 
 // -- eight constraints at once ----------------------------------------------------------------
-const int edge_room = frame.edges.vertices.shape[0], tet_room = frame.volumes.vertices.shape[0];
+const int edge_space = frame.edges.vertices.shape[0], tet_space = frame.volumes.vertices.shape[0];
 float* const edge_span = scratch.spans.data;
-float* const tet_span = edge_span + 3 * edge_room;
+float* const tet_span = edge_span + 3 * edge_space;
 int* const edge_lanes = scratch.lanes.data;  // the vertices of eight constraints, by corner
-int* const tet_lanes = edge_lanes + 2 * edge_room;
+int* const tet_lanes = edge_lanes + 2 * edge_space;
 
 auto project_edges = [&](int k) {
     const int* const id = edge_lanes + 2 * k;
     Eight p = gather(id), q = gather(id + 8);
     const f8 rest = load(frame.edges.rest_values.data + k);
-    EdgeMove move = edge_move(p, q, load(edge_span + k), load(edge_span + edge_room + k),
-                              load(edge_span + 2 * edge_room + k), rest,
+    EdgeMove move = edge_move(p, q, load(edge_span + k), load(edge_span + edge_space + k),
+                              load(edge_span + 2 * edge_space + k), rest,
                               load(frame.edges.regularization.data + k));
     open_collapsed(move, rest, frame.edges.ids.data + k);
     move_ends(move, p, q);
@@ -153,7 +153,7 @@ auto project_tets = [&](int k) {
     const int* const id = tet_lanes + 4 * k;
     Eight p0 = gather(id), p1 = gather(id + 8), p2 = gather(id + 16), p3 = gather(id + 24);
     f8 span[9];
-    for (int j = 0; j < 9; ++j) span[j] = load(tet_span + j * tet_room + k);
+    for (int j = 0; j < 9; ++j) span[j] = load(tet_span + j * tet_space + k);
     project_tet(p0, p1, p2, p3, span, load(frame.volumes.rest_values.data + k),
                 load(frame.volumes.regularization.data + k));
     scatter(id, p0);
@@ -162,7 +162,7 @@ auto project_tets = [&](int k) {
     scatter(id + 24, p3);
 };
 // The vertices of constraint k by corner, and their differences from the base corner.
-auto begin = [&](const int* corners, int corner_count, int base, int room, int* lanes,
+auto begin = [&](const int* corners, int corner_count, int base, int space, int* lanes,
                  float* spans, int k) {
     const int* const id = corners + corner_count * k;
     for (int j = 0; j < corner_count; ++j)
@@ -171,7 +171,7 @@ auto begin = [&](const int* corners, int corner_count, int base, int room, int* 
     int row = 0;
     for (int i = 0; i < corner_count; ++i)
         for (int j = 0; j < 3 && i != base; ++j)
-            spans[row++ * room + k] = x[3 * id[i] + j] - x[3 * id[base] + j];
+            spans[row++ * space + k] = x[3 * id[i] + j] - x[3 * id[base] + j];
 };
 
 // All constraints of a list, eight at a time.
@@ -205,10 +205,10 @@ auto project_all = [&](const auto& list, auto project) {
 auto count_of = [](const auto& list) { return list.offsets.data[list.color_count.data[0]]; };
 const int edge_count = count_of(frame.edges), tet_count = count_of(frame.volumes);
 for (int k = part(0, edge_count, thread), last = part(0, edge_count, thread + 1); k < last; ++k)
-    begin(frame.edges.vertices.data, 2, 1, edge_room, edge_lanes, edge_span, k);
+    begin(frame.edges.vertices.data, 2, 1, edge_space, edge_lanes, edge_span, k);
 if (has_volumes)
     for (int k = part(0, tet_count, thread), last = part(0, tet_count, thread + 1); k < last; ++k)
-        begin(frame.volumes.vertices.data, 4, 0, tet_room, tet_lanes, tet_span, k);
+        begin(frame.volumes.vertices.data, 4, 0, tet_space, tet_lanes, tet_span, k);
 each_vertex([&](int i, int slot) { bodies[slot] = first_prediction(Full(), i, previous[slot]); });
 float farthest = 0.0f;
 meet();

@@ -53,7 +53,7 @@ class CpuFrame:
         """Take the arrays to work on, and the mesh's halves."""
         self._frame = frame
         vertex_count = len(frame.state.vertices)
-        edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
+        edge_space, tet_space = len(frame.edges.ids), len(frame.volumes.ids)
         self._scratch = zeros(
             CpuScratch,
             "cpu",
@@ -62,8 +62,8 @@ class CpuFrame:
             slots=vertex_count + 1,
             order=vertex_count,
             halves=5,
-            spans=3 * edge_room + 9 * tet_room,
-            lanes=2 * edge_room + 4 * tet_room,
+            spans=3 * edge_space + 9 * tet_space,
+            lanes=2 * edge_space + 4 * tet_space,
             arrivals=LINE * MOST_THREADS,
         )
         order = np.arange(vertex_count) if halves is None else halves.order
@@ -74,7 +74,7 @@ class CpuFrame:
             self._scratch.halves.assign(halves.starts.astype(np.int32))
         self._arrivals = self._scratch.arrivals.numpy()
         self._launches = {}
-        limit = thread_limit(tet_room) if halves is None else 2
+        limit = thread_limit(tet_space) if halves is None else 2
         self._pace = Pace(limit)
 
     def set_contacts(self, contacts: ContactArrays) -> None:

@@ -166,7 +166,7 @@ for (int c = threadIdx.x; c < color_count; c += threads) {
 if (threadIdx.x < 2) ranges[color_count + threadIdx.x] = make_int2(0, 0);
 
 // -- constraints ------------------------------------------------------------------------------
-const int tet_room = frame.volumes.vertices.shape[0];
+const int tet_space = frame.volumes.vertices.shape[0];
 // In registers: the compiler would fetch them from the launch's arguments in every color.
 __shared__ const void* volatile addresses[1];
 auto held = [&](auto* p) {
@@ -258,8 +258,8 @@ auto load_tet = [&](Ahead& s) {
     if (s.k < s.end) {
         s.id = __ldcg(tet_slots + s.k);
         s.a = __ldcg(tet_spans + s.k);
-        s.b = __ldcg(tet_spans + tet_room + s.k);
-        s.c = __ldcg(tet_spans + 2 * tet_room + s.k);
+        s.b = __ldcg(tet_spans + tet_space + s.k);
+        s.c = __ldcg(tet_spans + 2 * tet_space + s.k);
     }
 };
 int2 range = {0, 0};  // of the color that is loaded next

@@ -89,8 +89,8 @@ def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int, in_
                 scratch.edge_slots[k] = packed(SHARED_VERTICES, SHARED_VERTICES, 1.0)
                 scratch.edge_spans[k] = wp.vec4(1.0, 0.0, 0.0, 1.0)
     tets = frame.volumes.vertices
-    room = tets.shape[0]
-    if has_volumes != 0 and k < room:
+    space = tets.shape[0]
+    if has_volumes != 0 and k < space:
         if tets[k, 0] < vertex_count:
             slots = wp.vec4i()
             for i in range(4):
@@ -100,7 +100,7 @@ def begin_kernel(frame: FrameArrays, scratch: CudaScratch, has_volumes: int, in_
             last = wp.vec3(frame.volumes.rest_values[k], frame.volumes.regularization[k], 0.0)
             for i in range(3):
                 u = frame.state.vertices[tets[k, i + 1]] - origin
-                scratch.tet_spans[i * room + k] = wp.vec4(u[0], u[1], u[2], last[i])
+                scratch.tet_spans[i * space + k] = wp.vec4(u[0], u[1], u[2], last[i])
         else:
             scratch.tet_slots[k] = wp.vec4i(-1, -1, -1, -1)
 
@@ -128,7 +128,7 @@ class CudaFrame:
         self._launches = {}
         count = len(rest_vertices)
         self._in_block = runs_in_block(count)
-        edge_room, tet_room = len(frame.edges.ids), len(frame.volumes.ids)
+        edge_space, tet_space = len(frame.edges.ids), len(frame.volumes.ids)
 
         self._scratch = zeros(
             CudaScratch,
@@ -136,10 +136,10 @@ class CudaFrame:
             slots=count,
             bodies=1 if self._in_block else count,
             previous=count,
-            edge_slots=edge_room,
-            edge_spans=edge_room,
-            tet_slots=tet_room,
-            tet_spans=3 * tet_room,
+            edge_slots=edge_space,
+            edge_spans=edge_space,
+            tet_slots=tet_space,
+            tet_spans=3 * tet_space,
             arrivals=1,
         )
         slots = bank_slots(rest_vertices) if self._in_block else np.arange(count)
