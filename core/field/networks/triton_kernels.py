@@ -220,6 +220,18 @@ def _store_out(start, weights, bias, ROWS: tl.constexpr):
     tl.store(start + ROWS * WIDTH + i, tl.sum(bias, axis=0), mask=i < ROWS)
 
 
+@triton.jit
+def _add_density(sa, ta, sh, th, g_h, a, x, ones, wa, wh):
+    """The sums of the density network with a block's gradients of h added; gradients of x."""
+    th += g_h
+    unit = _unit(g_h)
+    g_h = _half(g_h * (1.0 / unit))
+    sh = _add(sh, a, g_h, unit)
+    g_a = _before(tl.dot(g_h, wh), a)
+    sa, ta = _add(sa, g_a, x, unit), _add(ta, g_a, ones, unit)
+    return sa, ta, sh, th, tl.dot(g_a, wa) * unit
+
+
 @triton.jit(do_not_specialize=["capacity"])
 def backward_kernel(
     features,  # [N, FEATURES]
@@ -268,13 +280,8 @@ def backward_kernel(
         g_h0 = tl.load(g_sigma + n, mask=n < count, other=0.0) * _sigma(h)
         first = tl.arange(0, GEOMETRY)[None, :] == 0
         g_h = tl.dot(g_c1, wc1h) * unit + tl.where(first, g_h0[:, None], 0.0)
-        th += g_h
-        unit = _unit(g_h)
-        g_h = _half(g_h * (1.0 / unit))
-        sh = _add(sh, a, g_h, unit)
-        g_a = _before(tl.dot(g_h, wh), a)
-        sa, ta = _add(sa, g_a, x, unit), _add(ta, g_a, ones, unit)
-        _store_rows(g_features, n, count, tl.dot(g_a, wa) * unit, FEATURES)
+        sa, ta, sh, th, g_x = _add_density(sa, ta, sh, th, g_h, a, x, ones, wa, wh)
+        _store_rows(g_features, n, count, g_x, FEATURES)
 
     pa, ph, pc1, pc2, prgb = _starts(partial + tl.program_id(0) * PARAMETERS, FEATURES)
     _store_layer(pa, sa, ta, WIDTH, FEATURES)
@@ -312,13 +319,8 @@ def density_backward_kernel(
         g_h0 = tl.load(g_sigma + n, mask=n < count, other=0.0) * _sigma(h)
         first = tl.arange(0, GEOMETRY)[None, :] == 0
         g_h = _load_rows(g_out, n, count, GEOMETRY) + tl.where(first, g_h0[:, None], 0.0)
-        th += g_h
-        unit = _unit(g_h)
-        g_h = _half(g_h * (1.0 / unit))
-        sh = _add(sh, a, g_h, unit)
-        g_a = _before(tl.dot(g_h, wh), a)
-        sa, ta = _add(sa, g_a, x, unit), _add(ta, g_a, ones, unit)
-        _store_rows(g_features, n, count, tl.dot(g_a, wa) * unit, FEATURES)
+        sa, ta, sh, th, g_x = _add_density(sa, ta, sh, th, g_h, a, x, ones, wa, wh)
+        _store_rows(g_features, n, count, g_x, FEATURES)
 
     pa, ph, _, _, _ = _starts(partial + tl.program_id(0) * PARAMETERS, FEATURES)
     _store_layer(pa, sa, ta, WIDTH, FEATURES)

@@ -66,7 +66,7 @@ class PieceMerger:
             return shaded
         device = self._pose.device
         counts = wp.empty(count, dtype=int, device=device)
-        self._find_pieces(rays, ids, COUNT, counts, Pieces())
+        self._find_pieces(rays, ids, COUNT, counts, PieceList())
         ends = np.cumsum(counts.numpy(), dtype=np.int64)
         most, first = CUDA_PIECES if device.is_cuda else CPU_PIECES, 0
         while first < count:
@@ -100,8 +100,8 @@ class PieceMerger:
 
 
 @wp.struct
-class Pieces:
-    """Pieces of some rays, ray after ray."""
+class PieceList:
+    """PieceList of some rays, ray after ray."""
 
     found: RaySamples  # [M] rays, [N] pieces, whose length is s |F^-1 d|: κ / σ
     places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is for the sort
@@ -110,8 +110,8 @@ class Pieces:
     last_switches: wp.array(dtype=int)  # [M] index behind each ray's last one
 
 
-def empty_pieces(count: int, ids, counts) -> Pieces:
-    pieces, ray_count, device = Pieces(), len(ids), ids.device
+def empty_pieces(count: int, ids, counts) -> PieceList:
+    pieces, ray_count, device = PieceList(), len(ids), ids.device
     pieces.found.ids, pieces.found.counts = ids, counts
     pieces.found.ends = wp.empty(ray_count, dtype=int, device=device)
     wp.utils.array_scan(counts, pieces.found.ends, inclusive=True)
@@ -125,7 +125,7 @@ def empty_pieces(count: int, ids, counts) -> Pieces:
 
 @wp.func
 def write_piece(
-    pieces: Pieces,
+    pieces: PieceList,
     n: int,
     tet: int,
     bary: wp.vec4,
@@ -151,7 +151,7 @@ def pieces_kernel(
     ids: wp.array(dtype=int),  # [M]
     purpose: int,  # COUNT or WRITE
     counts: wp.array(dtype=int),  # [M] COUNT: out, pieces in occupied sub-tets; WRITE: in
-    pieces: Pieces,  # WRITE: out
+    pieces: PieceList,  # WRITE: out
 ):
     i = wp.tid()
     step = geometry.step
@@ -203,7 +203,7 @@ def pieces_kernel(
 
 
 @wp.kernel
-def sort_kernel(pieces: Pieces):
+def sort_kernel(pieces: PieceList):
     """Sort each ray's switches by place, with Shell's sort: the tets are nearly in order."""
     i = wp.tid()
     first = pieces.first_switches[i]
@@ -259,7 +259,7 @@ def single(v: ray_sums_d):  # noqa: F811
 
 @wp.kernel
 def merge_kernel(
-    pieces: Pieces,  # switches sorted within each ray
+    pieces: PieceList,  # switches sorted within each ray
     sigma: wp.array(dtype=float),  # [N]
     values: wp.array(dtype=Any),  # [N] colors, or what rays sum instead
     pixels: Pixels,  # out; where tets overlap, `tet` is one of them

@@ -71,6 +71,20 @@ def next_piece(
 
 
 @wp.func
+def pieces_behind(
+    geometry: Geometry, tet: int, slope: wp.vec4, t_in: float, t_out: float, start: float
+):
+    """Of a ray's interval in a tet: |F⁻¹d|, fade, length at rest, number of pieces, first piece.
+
+    The first piece is the first one that ends behind `start`.
+    """
+    speed, fade = speed_and_fade(geometry, tet, slope)
+    rest_length = (t_out - t_in) * speed
+    piece_count = int(wp.ceil(rest_length / geometry.step))
+    return speed, fade, rest_length, piece_count, first_piece(start, t_in, speed, geometry.step)
+
+
+@wp.func
 def first_pieces(
     geometry: Geometry,
     boxes: wp.uint64,  # id of the BVH of all tets
@@ -103,10 +117,9 @@ def first_pieces(
         if mask != wp.uint64(0) and geometry.shapes[2 * tet + 1][2] > 0.0:
             alpha, slope, near, t_in, t_out = interval_in_tet(geometry, tet, origin, direction)
             if t_out > t_in and t_out > start and t_in < end:
-                speed, fade = speed_and_fade(geometry, tet, slope)
-                rest_length = (t_out - t_in) * speed
-                piece_count = int(wp.ceil(rest_length / step))
-                piece = first_piece(start, t_in, speed, step)
+                speed, fade, rest_length, piece_count, piece = pieces_behind(
+                    geometry, tet, slope, t_in, t_out, start
+                )
                 while piece < piece_count:
                     piece, begin, until, bary = next_piece(
                         piece,

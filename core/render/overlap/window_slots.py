@@ -16,14 +16,13 @@ import warp as wp
 
 from ...base.wide import store_wide
 from ..rays.pose import Geometry, Pose
-from ..rays.traversal import interval_in_tet, speed_and_fade
+from ..rays.traversal import interval_in_tet
 from ..rounds.ray_color import Sums, rest_direction, store_sums, with_slot
 from ..rounds.slot_march import march_known
 from ..rounds.slots import (
     BLOCK_SIZE,
     CROWDED,
     LEAST_SLOTS,
-    LISTED,
     MOST_SLOTS,
     PARITY,
     PER_RAY,
@@ -38,11 +37,12 @@ from ..rounds.slots import (
     has_ray_colors,
     keep_or_finish,
     list_ray,
+    ray_with_slots,
 )
 from ..rounds.tiles import pixel_of, pixel_threads
 from ..rounds.wavefront import Wavefront, Way
 from .bins import ALL_BITS, BIN_COUNT, BITS, Bins, TetBins, bin_of, lowest_bit
-from .pieces import FAR, OUTSIDE, SHORTEST, first_piece, next_piece
+from .pieces import FAR, OUTSIDE, SHORTEST, next_piece, pieces_behind
 from .search import CROSSINGS, is_inside_two_shells, may_meet
 
 DARK = wp.constant(1.0e-9)  # a smaller extinction is none
@@ -173,10 +173,9 @@ def march_window(
             fade = float(1.0)
             rest_length = float(0.0)
             if meets and t_in < end:
-                speed, fade = speed_and_fade(geometry, tet, slope)
-                rest_length = (t_out - t_in) * speed
-                piece_count = int(wp.ceil(rest_length / step))
-                piece = first_piece(start, t_in, speed, step)
+                speed, fade, rest_length, piece_count, piece = pieces_behind(
+                    geometry, tet, slope, t_in, t_out, start
+                )
             while piece < piece_count:
                 piece, begin, until, bary = next_piece(
                     piece,
@@ -338,11 +337,8 @@ def composite_window(stop: float, buffers: Buffers, windows: Windows, i: int, ra
 def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows, _bins: Bins):
     i = wp.tid()
     state = buffers.state
-    if i >= state[LISTED]:
-        return
-    ray = buffers.lists[state[PARITY], i]
-    if i >= state[TAKEN]:
-        list_ray(buffers, ray)
+    ray = ray_with_slots(buffers, i)
+    if ray < 0:
         return
     place = windows.places[ray]
     if place == CROWDED_RAY:

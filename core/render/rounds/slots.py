@@ -317,16 +317,25 @@ def keep_or_finish(
     finish_ray(buffers, ray, c + (1.0 - opacity) * buffers.background[0], opacity, depth)
 
 
+@wp.func
+def ray_with_slots(buffers: Buffers, i: int):
+    """The i-th listed ray, if it has slots in this round.  Else -1; a ray without waits."""
+    state = buffers.state
+    ray = int(-1)
+    if i < state[LISTED]:
+        ray = buffers.lists[state[PARITY], i]
+        if i >= state[TAKEN]:
+            list_ray(buffers, ray)
+            ray = -1
+    return ray
+
+
 @wp.kernel
 def composite_slots_kernel(stop: float, buffers: Buffers):
     i = wp.tid()
-    state = buffers.state
-    if i >= state[LISTED]:
+    ray = ray_with_slots(buffers, i)
+    if ray < 0:
         return
-    ray = buffers.lists[state[PARITY], i]
-    if i >= state[TAKEN]:
-        list_ray(buffers, ray)
-        return
-    add_up(state, SAMPLES, buffers.counts[i])
+    add_up(buffers.state, SAMPLES, buffers.counts[i])
     transmittance, color, total_t = composite_slots(stop, buffers, i, ray)
     keep_or_finish(stop, buffers, ray, transmittance, color, total_t)
