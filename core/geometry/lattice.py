@@ -9,22 +9,23 @@ Every vertex is an integer multiple of dx.  Training uses A15, the acute tiling 
 compare the others with it.
 
 Tets are the 4-cliques of the graph that joins vertices at the distances above.  For tetrahedrally
-close-packed structures (A15) and BCC these cliques are the Delaunay cells.  Kuhn's graph joins two
-vertices only if no two components of their difference have opposite signs, so its cliques are the
-monotone paths through a cube.
+close-packed structures (A15) and BCC these cliques are the Delaunay cells.  In Kuhn's graph the
+difference of two joined vertices has components >= 0 only, or <= 0 only.  So the vertices of a clique
+form a path through a cube along which no coordinate decreases.
 
 The order of a tet's corners determines the shapes of its descendants (subdivision.py).  Let a, b,
 c, d be the steps of the closed path v0 v1 v2 v3 v0.  Every descendant has the same four steps,
-scaled, in one of three cyclic orders.  Its other two edges are two of the three vectors
-p = a + b = v0v2, q = b + c = v1v3 and r = a + c, which is twice the inner diagonal m02-m13.  With
+scaled, in one of three cyclic orders.  A descendant's other two edges are, scaled, two of three
+vectors: p = a + b from v0 to v2, q = b + c from v1 to v3, and r = a + c.  Half of r leads from one
+middle to the other of the edges v0v2 and v1v3.  With
 S = |a|² + |b|² + |c|² + |d|² = |p|² + |q|² + |r|², the squared edges of the three shapes sum to
 2S - |p|², 2S - |q|² and 2S - |r|².  All tets of a level have equal volume, so these sums alone rank
 the shapes by their mean ratio,
 
     12 (3 volume)^(2/3) / sum of squared edge lengths,           1 for a regular tet.
 
-The sums depend only on which two opposite edges are v0v2 and v1v3.  So the 24 orders give only
-three different results, and even permutations, which keep the orientation, reach all three.
+The sums depend only on which two opposite edges are v0v2 and v1v3.  A tet has three such pairs, so
+the 24 orders give three results.  Even permutations, which keep the orientation, give all three.
 """
 
 from dataclasses import dataclass

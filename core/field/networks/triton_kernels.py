@@ -1,8 +1,12 @@
 """The Triton kernels of triton.py, which describes what they compute and how precisely.
 
-Triton compiles them for each number of FEATURES = L·F.  Names: w weights, s sums of their
-gradients over samples, t sums of the biases' gradients, p where a layer begins, g_ gradients
-of the loss.  tl.dot does not accept every size, so zeros pad matrices with 24 features or 3 colors.
+Triton compiles them for each number of FEATURES = L·F.  Names begin with
+
+    w   weights                                     s   gradients of w, summed over samples
+    p   the place where a layer's numbers begin     t   gradients of biases, likewise
+    g_  gradients of the loss
+
+tl.dot does not accept every size, so zeros pad matrices with 24 features or 3 colors.
 
 Shapes: N samples, B of them in a block.  Weights are [out, in].
 """

@@ -1,4 +1,6 @@
-"""The next window of a tangled ray: the pieces in it, of all tets that the ray crosses there.
+"""Find the pieces of a tangled ray in its next window.
+
+A window (windows.py) is a section of the ray; the pieces are of all tets that the ray crosses there.
 
 Shapes: T tets, S slots.
 """

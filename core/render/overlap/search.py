@@ -1,16 +1,20 @@
 """Find the rays through self-overlap, where a walk from tet to tet would miss some tets.
 
-The mesh does not overlap itself if all its tets have one orientation, none is nearly flat, no
-edge of the boundary touches a face with which it shares no vertex, and no part lies inside
-another: a map that keeps orientation and is one to one on the boundary is one to one inside.
-`search_kernel` checks this once per pose.  Without overlap, this module does no more.
+The mesh does not overlap itself if
+
+- all its tets have one orientation, and none is nearly flat,
+- no edge of the boundary touches a face with which it shares no vertex, and
+- no part lies inside another.
+
+That is enough: a map that keeps orientation and is one to one on the boundary is one to one inside.
+`search_kernel` checks it once per pose.  Without overlap, this module does no more.
 
 With overlap, it classifies each ray.  A ray is *tangled* if it meets a tet that is inverted or
-nearly flat, or if it is inside two boundary shells at once.  If rounding leaves a doubt, it counts
-as tangled: that costs time and never changes the image.  The walk renders all rays that are not
+nearly flat, or if it is inside two boundary shells at once.  If rounding makes that uncertain,
+the ray counts as tangled, which costs time and changes no image.  The walk renders all rays that are not
 tangled; window_slots.py, windows.py and merging.py render the others.
 
-Shapes: R rays, T tets, V vertices, B boundary faces, C parts that no face joins.
+Shapes: R rays, T tets, V vertices, B boundary faces, C parts (connected through faces).
 """
 
 from functools import partial

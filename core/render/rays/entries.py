@@ -1,12 +1,12 @@
 """Find where a ray meets its first tet, and where it enters the mesh again.
 
-`enter_mesh` searches the boundary for the next entry behind t.  `find_entries` finds all
-entries of a ray in one pass through a BVH of the boundary's faces.  CUDA uses the latter: with a
-search per entry, all rays of a warp wait for the one that searches most often.  A ray falls back to
-`enter_mesh` if it has more entries than there are places for, if its entries and exits do not pair
-up (it starts inside), or if it meets an edge of the boundary.  `enter_mesh` takes many registers;
-rounds/slot_march.py runs most rays in a kernel without it, so that a GPU can run more of them at
-once.
+`enter_mesh` searches the boundary for the first entry farther along the ray than t.  `find_entries`
+finds all entries of a ray in one pass through a BVH of the boundary's faces.  On CUDA most rays use
+`find_entries`: with a search for each entry, a warp takes as long as its ray with the most searches.
+`enter_mesh` serves the rays that have more entries than a list holds, that meet an edge of the
+boundary, or whose entries and exits do not pair up, as when they start inside.  It takes many
+registers, so rounds/slot_march.py runs most rays in a kernel without it, and a GPU can run more of
+them at once.
 
 Shapes: R rays, B boundary faces.
 """

@@ -1,7 +1,7 @@
 """Rounds on a CPU: one launch for all rounds of some rays.
 
-Native code marches (rays/cpu_march.py), shades and sums (cpu.cpp) a few rays at a time, so the
-encoding, the networks and the sums find their inputs in a core's cache.  The color network is
+Native code takes a few rays at a time: cpu_march.py marches them, cpu.cpp shades and sums their
+samples.  With so few, the inputs of each step are still in a core's cache.  The color network is
 evaluated only for samples with a noticeable weight, or once a ray (../deferred.py).
 
 Shapes: R rays, K slots per ray, T tets.

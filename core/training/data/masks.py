@@ -1,12 +1,11 @@
 """Masks of photographs: images that say which pixels show the object.
 
 The data set's files may name a photograph's mask (mask_path in transforms.json).  Otherwise it is
-in the masks' folder, or in the photograph's subfolder there.  Its name is the photograph's with
-another ending, with `_mask` or `-mask` after its stem, or with one more ending (0001.jpg.png).
+in the masks' folder, or in the photograph's subfolder there.  The mask of 0001.jpg is called
+0001.png, 0001_mask.png, 0001-mask.png or 0001.jpg.png.
 
-A mask is white on the object (opaque, if it has alpha).  If a mask has few values and none is
-white, the values are numbers or colors of classes, and everything that is not black is the object,
-because other programs leave out what is black.
+A mask is white on the object (opaque, if it has alpha).  Some programs write numbers or colors of
+classes: if a mask has few values and none is white, the object is everything that is not black.
 """
 
 from pathlib import Path

@@ -1,9 +1,9 @@
-"""The surroundings of the object in photographs without masks: trained, dropped after training.
+"""The surroundings of the object in photographs without masks: training learns and then drops them.
 
 Outside the object's box, a small field of its own (../field/grid.py) represents the world.  Every
 ray has the same number of pieces in it.  Some are between the camera and the box, evenly spaced;
-some are between the box and infinity, evenly spaced in contracted space.  If a ray misses the box,
-its point nearest to the box's center takes the box's place.  A pixel is then
+some are between the box and infinity, evenly spaced in contracted space.  On a ray that misses the
+box, the point nearest to the box's center separates the two.  A pixel is then
 
     C_front + T_front (C_object + T_object (C_behind + T_behind sky))
 
