@@ -10,8 +10,8 @@ compare the others with it.
 
 Tets are the 4-cliques of the graph that joins vertices at the distances above.  For tetrahedrally
 close-packed structures (A15) and BCC these cliques are the Delaunay cells.  In Kuhn's graph the
-difference of two joined vertices has components >= 0 only, or <= 0 only.  So the vertices of a clique
-form a path through a cube along which no coordinate decreases.
+difference of two joined vertices has components >= 0 only, or <= 0 only.  So the vertices of a
+clique form a path through a cube along which no coordinate decreases.
 
 The order of a tet's corners determines the shapes of its descendants (subdivision.py).  Let a, b,
 c, d be the steps of the closed path v0 v1 v2 v3 v0.  Every descendant has the same four steps,

@@ -1,6 +1,7 @@
 """Find the pieces of a tangled ray in its next window.
 
-A window (windows.py) is a section of the ray; the pieces are of all tets that the ray crosses there.
+A window (windows.py) is a section of the ray; the pieces are of all tets that the ray crosses
+there.
 
 Shapes: T tets, S slots.
 """

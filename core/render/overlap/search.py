@@ -10,9 +10,9 @@ That is enough: a map that keeps orientation and is one to one on the boundary i
 `search_kernel` checks it once per pose.  Without overlap, this module does no more.
 
 With overlap, it classifies each ray.  A ray is *tangled* if it meets a tet that is inverted or
-nearly flat, or if it is inside two boundary shells at once.  If rounding makes that uncertain,
-the ray counts as tangled, which costs time and changes no image.  The walk renders all rays that are not
-tangled; window_slots.py, windows.py and merging.py render the others.
+nearly flat, or if it is inside two boundary shells at once.  If rounding makes that uncertain, the
+ray counts as tangled, which costs time and changes no image.  The walk renders all rays that are
+not tangled; window_slots.py, windows.py and merging.py render the others.
 
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts (connected through faces).
 """

@@ -2,11 +2,11 @@
 
 `enter_mesh` searches the boundary for the first entry farther along the ray than t.  `find_entries`
 finds all entries of a ray in one pass through a BVH of the boundary's faces.  On CUDA most rays use
-`find_entries`: with a search for each entry, a warp takes as long as its ray with the most searches.
-`enter_mesh` serves the rays that have more entries than a list holds, that meet an edge of the
-boundary, or whose entries and exits do not pair up, as when they start inside.  It takes many
-registers, so rounds/slot_march.py runs most rays in a kernel without it, and a GPU can run more of
-them at once.
+`find_entries`: with a search for each entry, a warp takes as long as its ray with the most
+searches. `enter_mesh` serves the rays that have more entries than a list holds, that meet an edge
+of the boundary, or whose entries and exits do not pair up, as when they start inside.  It takes
+many registers, so rounds/slot_march.py runs most rays in a kernel without it, and a GPU can run
+more of them at once.
 
 Shapes: R rays, B boundary faces.
 """

@@ -1,8 +1,8 @@
 """Several processes that train one field, each with a GPU of its own.
 
 torchrun starts them.  Each draws its share of a step's rays.  After each step, the weights with
-which they render are equal (exchange.py, peer_exchange.py).  Numbers that control the run must also be
-the same: they are summed over the workers, or taken from the first one.
+which they render are equal (exchange.py, peer_exchange.py).  Numbers that control the run must also
+be the same: they are summed over the workers, or taken from the first one.
 
 A single process is the worker ALONE, and exchanges nothing.
 """
