@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import torch
+from image_datasets import from_images
 
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import load_checkpoint, photographs, preset, trainer
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import monitoring, optimization
 from deformrf.core.training.run.monitoring import History

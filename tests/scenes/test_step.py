@@ -6,12 +6,12 @@ import weakref
 import numpy as np
 import pytest
 import torch
+from image_datasets import from_images
 
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import pinhole
 from deformrf.core.training import TrainOptions, world_to_unit_cube
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run.differentiable import on_warp_stream
 from deformrf.core.training.run.optimization import Optimization

@@ -1,9 +1,9 @@
 """Photographs that a test makes: a ball in a world of two colors, without alpha."""
 
 import numpy as np
+from image_datasets import from_images
 
 from deformrf.core.render import Camera, camera_rays, look_at, pinhole
-from deformrf.core.training.data.datasets import from_images
 
 
 def photographs(count=12, size=20):

@@ -1,9 +1,9 @@
 """Photographs of gray from all sides, for tests of training steps."""
 
 import numpy as np
+from image_datasets import from_images
 
 from deformrf.core.render import look_at, pinhole
-from deformrf.core.training.data.datasets import from_images
 
 GRAY = 128
 

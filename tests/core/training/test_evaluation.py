@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from image_datasets import from_images
 from PIL import Image
 
 from deformrf.commands.evaluate import print_report
@@ -13,7 +14,6 @@ from deformrf.core.field import FieldOptions, modelfile, random_field
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at, pinhole
 from deformrf.core.training import evaluate, evaluation
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.run.surroundings import LearnedSurroundings, random_surroundings
 
 SIZE = 16

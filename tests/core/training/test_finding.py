@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
+from image_datasets import from_images
 
 from deformrf.core.field import subtet_middles, unpack_mask
 from deformrf.core.render import Camera, camera_rays, look_at, pinhole
 from deformrf.core.training import finding, load_checkpoint, preset, trained_tets, trainer
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.scene_box import seeks_object
 from deformrf.core.training.finding import FoundBox, ends_of_rays, first_workers, search
 from deformrf.core.training.run import optimization

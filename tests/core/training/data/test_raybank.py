@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import warp as wp
+from image_datasets import from_images
 
 from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
 from deformrf.core.training import world_to_unit_cube
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.raybank import EMPTY, MOST_TRIES, NO_LIMIT, Drawn, RayBank
 
 LENSES = (

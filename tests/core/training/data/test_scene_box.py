@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from image_datasets import from_images
 
 from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import DatasetError, focus, world_to_unit_cube
-from deformrf.core.training.data.datasets import from_images
 from deformrf.core.training.data.scene_box import box_to_unit_cube
 
 

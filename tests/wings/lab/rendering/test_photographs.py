@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from image_datasets import from_images
 
 from deformrf.core.render import Camera, Renderer, RenderOptions, pinhole
-from deformrf.core.training.data import datasets
 from deformrf.wings.lab.rendering import pictures
 from deformrf.wings.lab.rendering.pictures import photo_psnr, photographs
 
@@ -25,7 +25,7 @@ def dataset_of(field, device="cpu"):
     ]
     for image in images:
         image[..., 3] = 255  # it is over white as it is
-    return datasets.from_images(images, poses, lenses, ["a", "b", "c"], "test")
+    return from_images(images, poses, lenses, ["a", "b", "c"], "test")
 
 
 def test_a_model_is_what_it_shows(ball, device):
@@ -66,7 +66,7 @@ def test_what_is_transparent_is_white(ball):
     image = np.random.default_rng().integers(256, size=(8, 8, 4), dtype=np.uint8)
     image[:4, :, 3], image[4:, :, 3] = 0, 255
     pose = pictures.view(ball, 0.0, 8).camera_to_world
-    dataset = datasets.from_images([image], [pose], [pinhole(9.0, 8, 8)], ["a"], "test")
+    dataset = from_images([image], [pose], [pinhole(9.0, 8, 8)], ["a"], "test")
     colors = photographs(ball, dataset, 64)[0].colors
     white = (colors == 1.0).all(axis=1)
     assert white.sum() == 32
