@@ -12,6 +12,7 @@ import numpy as np
 
 from ...base.archive import open_archive
 from ...base.paths import whole_file
+from ...base.schema import array, check, declared
 from ...base.streams import one_line
 
 POINTS_FILE = "points.npz"
@@ -70,7 +71,14 @@ def load_points(folder: Path) -> SparsePoints | None:
         return None
     try:
         with open_archive(path, "file of points") as arrays:
-            return SparsePoints(**{name: _array(arrays, name) for name in SHAPES})
+            count = len(declared(arrays, "points", np.float32, (None, 3)))
+            check(count <= MOST_POINTS, f"at most {MOST_POINTS} points are read, it has {count}")
+            return SparsePoints(
+                **{
+                    name: array(arrays, name, kind, (count, *shape))
+                    for name, (shape, kind) in SHAPES.items()
+                }
+            )
     except MemoryError:
         raise
     except Exception as error:  # a file can hold anything: what was not foreseen is damage too
@@ -79,22 +87,3 @@ def load_points(folder: Path) -> SparsePoints | None:
             f"{path} does not hold the sparse points of photographs ({reason}): remove it to go on "
             f"without points, or transforms.json beside it as well to have both found again"
         ) from None
-
-
-def _array(arrays, name):
-    """One array, whose declared size is checked before it is read."""
-    shape, kind = SHAPES[name]
-    if name not in arrays:
-        raise ValueError(f"it has no array '{name}'")
-    stored = arrays[name]
-    if stored.ndim != 1 + len(shape) or stored.shape[1:] != shape or stored.dtype != kind:
-        raise ValueError(f"'{name}' has the shape {list(stored.shape)} and the type {stored.dtype}")
-    if not len(stored) == len(arrays["points"]) <= MOST_POINTS:
-        raise ValueError(
-            f"'{name}' has {len(stored)} entries for {len(arrays['points'])} points, and at most "
-            f"{MOST_POINTS} points are read"
-        )
-    values = np.asarray(stored)
-    if not np.isfinite(values).all():
-        raise ValueError(f"'{name}' holds numbers that are not finite")
-    return values
