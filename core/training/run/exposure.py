@@ -15,32 +15,12 @@ requires another one.
 Shapes: R rays, N views.
 """
 
-import numpy as np
 import torch
 
 SCALE = 0.1  # of a map over its parameters: Adam moves these by the field's learning rate
 # Per view: a map that scales a mean squared color of 0.2 is off by 0.5 % of what it should do.
 COST = 1e-3
 GRAY = 0.5
-
-
-def adjusted_reference(color, opacity, maps, views):
-    """Colors as photographs show them, in float64.  [R, 3]
-
-    Args:
-        color: Without background, that is, times opacity.  [R, 3]
-        opacity: [R]
-        maps: θ.  [N, 3, 4]
-        views: Of each ray.  int [R]
-    """
-    maps = SCALE * (np.asarray(maps, float) - np.mean(maps, axis=0))
-    whole = np.column_stack([color, opacity])
-    return color + np.einsum("rij,rj->ri", maps[views], whole)
-
-
-def cost_reference(maps) -> float:
-    """The maps' price."""
-    return COST * float(((SCALE * np.asarray(maps, float)) ** 2).sum(axis=(1, 2)).mean())
 
 
 class LearnedExposure(torch.nn.Module):
@@ -56,12 +36,18 @@ class LearnedExposure(torch.nn.Module):
         self.maps = torch.nn.Parameter(torch.zeros(view_count, 3, 4, device=device))
 
     def forward(self, color, opacity, views):
-        """As `adjusted_reference`; differentiable in all but the views.  torch [R, 3]"""
+        """Colors as photographs show them, differentiable in all but the views.  torch [R, 3]
+
+        Args:
+            color: Without background, that is, times opacity.  [R, 3]
+            opacity: [R]
+            views: Of each ray.  int [R]
+        """
         chosen = self._centered().index_select(0, views)
         return color + (chosen @ torch.cat([color, opacity[:, None]], dim=1)[..., None])[..., 0]
 
     def cost(self):
-        """As `cost_reference`.  torch []"""
+        """The maps' price.  torch []"""
         return COST * (SCALE * self.maps).square().sum(dim=(1, 2)).mean()
 
     def _centered(self):

@@ -11,9 +11,28 @@ from PIL import Image, ImageFilter
 from deformrf.core.training import evaluate, load_checkpoint, preset, trainer
 from deformrf.core.training.photographs import SMALL_SPREAD, learned_exposure, photographed_rays
 from deformrf.core.training.run import optimization
-from deformrf.core.training.run.exposure import LearnedExposure, adjusted_reference, cost_reference
+from deformrf.core.training.run.exposure import COST, SCALE, LearnedExposure
 
 VIEWS, RAYS = 4, 30
+
+
+def adjusted_reference(color, opacity, maps, views):
+    """Colors as photographs show them, in float64.  [R, 3]
+
+    Args:
+        color: Without background, that is, times opacity.  [R, 3]
+        opacity: [R]
+        maps: θ.  [N, 3, 4]
+        views: Of each ray.  int [R]
+    """
+    maps = SCALE * (np.asarray(maps, float) - np.mean(maps, axis=0))
+    whole = np.column_stack([color, opacity])
+    return color + np.einsum("rij,rj->ri", maps[views], whole)
+
+
+def cost_reference(maps) -> float:
+    """The maps' price."""
+    return COST * float(((SCALE * np.asarray(maps, float)) ** 2).sum(axis=(1, 2)).mean())
 
 
 @pytest.fixture
