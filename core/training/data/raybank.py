@@ -7,7 +7,6 @@ so the host never waits.
 Shapes: P pixels of N views, R rays.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -37,31 +36,33 @@ class Bank:
     pool: wp.array(dtype=int)  # pixels to draw from; [0]: from all
 
 
-@dataclass(frozen=True)
+@wp.struct
 class Drawn:
-    """Rays and the colors of their pixels.
+    """Rays and the colors of their pixels; means over them divide by the sum of `tries`."""
 
-    Attributes:
-        origins, directions: Model space, unit directions.  [R] vec3
-        rgba: Straight alpha, 0..1.  [R] vec4
-        background: A random color for each ray, 0..1.  [R] vec3
-        views: The view of each ray.  [R] int
-        pixels: The pixel of each ray.  [R] int
-        limits: How many samples its ray may have; NO_LIMIT: any number.  [R] int
-        tries: Number of pixels that were drawn until this one was taken, itself included; means
-            divide by their sum.  [R]
-        first: Number of ray 0; a ray's random numbers depend on its number.
-    """
+    origins: wp.array(dtype=wp.vec3)  # [R] in model space
+    directions: wp.array(dtype=wp.vec3)  # [R] unit
+    rgba: wp.array(dtype=wp.vec4)  # [R] straight alpha, 0..1
+    background: wp.array(dtype=wp.vec3)  # [R] a random color for each ray, 0..1
+    views: wp.array(dtype=int)  # [R]
+    pixels: wp.array(dtype=int)  # [R]
+    limits: wp.array(dtype=int)  # [R] of its samples; NO_LIMIT: any number
+    tries: wp.array(dtype=float)  # [R] pixels drawn until this one was taken, itself included
+    first: int  # number of ray 0; a ray's random numbers depend on its number
 
-    origins: wp.array
-    directions: wp.array
-    rgba: wp.array
-    background: wp.array
-    views: wp.array
-    pixels: wp.array
-    limits: wp.array
-    tries: wp.array
-    first: int = 0
+
+def empty_drawn(count: int, device) -> Drawn:
+    """Space for rays, which have no limits yet."""
+    drawn = Drawn()
+    drawn.origins = wp.empty(count, dtype=wp.vec3, device=device)
+    drawn.directions = wp.empty(count, dtype=wp.vec3, device=device)
+    drawn.rgba = wp.zeros(count, dtype=wp.vec4, device=device)
+    drawn.background = wp.zeros(count, dtype=wp.vec3, device=device)
+    drawn.views = wp.zeros(count, dtype=int, device=device)
+    drawn.pixels = wp.zeros(count, dtype=int, device=device)
+    drawn.limits = wp.full(count, int(NO_LIMIT), dtype=int, device=device)
+    drawn.tries = wp.ones(count, dtype=float, device=device)
+    return drawn
 
 
 @wp.func
@@ -84,18 +85,10 @@ def draw_kernel(
     chosen: wp.array(dtype=int),  # [R] pixels, or [0]: random ones
     limits_of: wp.array(dtype=wp.uint8),  # [P], or [0]: none has a limit
     seed: wp.array(dtype=int),  # [1]
-    first: int,  # number of ray 0
-    origins: wp.array(dtype=wp.vec3),  # [R] out
-    directions: wp.array(dtype=wp.vec3),  # [R] out
-    rgba: wp.array(dtype=wp.vec4),  # [R] out
-    background: wp.array(dtype=wp.vec3),  # [R] out
-    views: wp.array(dtype=int),  # [R] out
-    pixels: wp.array(dtype=int),  # [R] out
-    limits: wp.array(dtype=int),  # [R] out
-    tries: wp.array(dtype=float),  # [R] out
+    drawn: Drawn,  # out
 ):
     i = wp.tid()
-    random = wp.rand_init(seed[0], DRAW + first + i)
+    random = wp.rand_init(seed[0], DRAW + drawn.first + i)
     pixel_count = bank.pixels.shape[0]
     if bank.pool.shape[0] > 0:
         pixel_count = bank.pool.shape[0]
@@ -115,20 +108,20 @@ def draw_kernel(
             limit = int(limits_of[pixel])
             if limit == EMPTY and wp.randf(random) < EMPTY_ACCEPTANCE:
                 limit = NO_LIMIT
-    pixels[i] = pixel
-    limits[i] = wp.where(limit == EMPTY, NO_LIMIT, limit)
-    tries[i] = float(tried)
+    drawn.pixels[i] = pixel
+    drawn.limits[i] = wp.where(limit == EMPTY, NO_LIMIT, limit)
+    drawn.tries[i] = float(tried)
     view = view_of(bank.first_pixels, pixel)
     camera = bank.cameras[view]
     place = pixel - bank.first_pixels[view]
     width = camera.lens.width
     origin, direction = camera_ray(camera, place % width, place / width)
-    origins[i] = origin
-    directions[i] = direction
-    views[i] = view
+    drawn.origins[i] = origin
+    drawn.directions[i] = direction
+    drawn.views[i] = view
     c = bank.pixels[pixel]
-    background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
-    rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
+    drawn.background[i] = wp.vec3(wp.randf(random), wp.randf(random), wp.randf(random))
+    drawn.rgba[i] = wp.vec4(float(c[0]), float(c[1]), float(c[2]), float(c[3])) / 255.0
 
 
 @wp.kernel
@@ -236,22 +229,7 @@ class RayBank:
         wp.launch(
             draw_kernel,
             dim=len(drawn.origins),
-            inputs=[
-                self.bank,
-                self._random if chosen is None else chosen,
-                limits,
-                seed,
-                drawn.first,
-            ],
-            outputs=[
-                drawn.origins,
-                drawn.directions,
-                drawn.rgba,
-                drawn.background,
-                drawn.views,
-                drawn.pixels,
-                drawn.limits,
-                drawn.tries,
-            ],
+            inputs=[self.bank, self._random if chosen is None else chosen, limits, seed],
+            outputs=[drawn],
             device=self.device,
         )

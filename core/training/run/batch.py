@@ -21,7 +21,7 @@ from ...render import (
     empty_rays,
     empty_samples,
 )
-from ..data.raybank import NO_LIMIT, Drawn, RayBank
+from ..data.raybank import RayBank, empty_drawn
 from . import passes
 
 wp.set_module_options({"enable_backward": False})
@@ -98,17 +98,9 @@ class Batch:
         self._rays.first = first_ray
         self._rays.entries = empty_entries(ray_count, device)
         self._used = ray_count
-        self.drawn = Drawn(
-            self._rays.origins,
-            self._rays.directions,
-            wp.zeros(ray_count, dtype=wp.vec4, device=device),
-            wp.zeros(ray_count, dtype=wp.vec3, device=device),
-            wp.zeros(ray_count, dtype=int, device=device),
-            wp.zeros(ray_count, dtype=int, device=device),
-            wp.full(ray_count, int(NO_LIMIT), dtype=int, device=device),
-            wp.ones(ray_count, dtype=float, device=device),
-            first_ray,
-        )
+        self.drawn = empty_drawn(ray_count, device)
+        self.drawn.origins, self.drawn.directions = self._rays.origins, self._rays.directions
+        self.drawn.first = first_ray
         self.origins = wp.to_torch(self.drawn.origins)
         self.directions = wp.to_torch(self.drawn.directions)
         self.rgba = wp.to_torch(self.drawn.rgba)

@@ -15,7 +15,7 @@ Shapes: R rays, P pixels.
 
 import warp as wp
 
-from ..data.raybank import EMPTY, NO_LIMIT
+from ..data.raybank import EMPTY, NO_LIMIT, Drawn
 from .batch import Batch
 
 OPAQUE_TRANSMITTANCE = wp.constant(5.0e-3)  # that a ray lets through at most that is opaque
@@ -27,8 +27,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.kernel
 def judge_kernel(
-    limits: wp.array(dtype=int),  # [R] that the rays had
-    rgba: wp.array(dtype=wp.vec4),  # [R]
+    drawn: Drawn,
     counts: wp.array(dtype=int),  # [R]
     opacity: wp.array(dtype=float),  # [R]
     visible: wp.array(dtype=int),  # [R]
@@ -42,12 +41,12 @@ def judge_kernel(
         limit = int(NO_LIMIT)
         if counts[i] == 0:
             # A pixel that shows something has an error, so it is not passed over.
-            if skips_empty and rgba[i][3] == 0.0:
+            if skips_empty and drawn.rgba[i][3] == 0.0:
                 limit = int(EMPTY)
         elif 1.0 - opacity[i] <= OPAQUE_TRANSMITTANCE:
             needed = (1.0 + SPARE_SHARE) * float(visible[i]) + SPARE
             limit = int(wp.min(needed, float(NO_LIMIT)))
-        elif limits[i] < NO_LIMIT and counts[i] >= limits[i]:
+        elif drawn.limits[i] < NO_LIMIT and counts[i] >= drawn.limits[i]:
             fits[i] = 0.0
         learned[i] = limit
 
@@ -102,12 +101,12 @@ class SampleLimits:
         Args:
             opacity, visible: See training_field.RenderedRays.  torch [R]
         """
-        drawn = batch.drawn
         wp.launch(
             judge_kernel,
             dim=batch.ray_count,
             inputs=[
-                *(drawn.limits, drawn.rgba, batch.counts),
+                batch.drawn,
+                batch.counts,
                 wp.from_torch(opacity.detach()),
                 wp.from_torch(visible),
                 self._skips_empty,

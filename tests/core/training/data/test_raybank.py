@@ -7,18 +7,13 @@ from image_datasets import from_images
 
 from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
 from deformrf.core.training import world_to_unit_cube
-from deformrf.core.training.data.raybank import EMPTY, MOST_TRIES, NO_LIMIT, Drawn, RayBank
+from deformrf.core.training.data.raybank import EMPTY, MOST_TRIES, NO_LIMIT, RayBank, empty_drawn
 
 LENSES = (
     Lens(7, 5, (9.0, 8.0), (3.2, 2.6), (0.05, -0.08, 0.01, 0.0), (-1e-3, 2e-3)),
     Lens(4, 9, (11.0, 11.0), (2.0, 4.5)),
     Lens(6, 6, (8.0, 8.5), (2.5, 3.5), (-0.2, 0.03, 0.0, 0.0)),
 )
-
-
-def empty_drawn(count, device):
-    kinds = (wp.vec3, wp.vec3, wp.vec4, wp.vec3, int, int, int, float)
-    return Drawn(*(wp.empty(count, dtype=kind, device=device) for kind in kinds))
 
 
 def views():
