@@ -26,7 +26,6 @@ from deformrf.core.training.data import raybank
 from deformrf.core.training.run import (
     batch,
     compositing,
-    passes,
     peer_exchange,
     sample_limits,
     surroundings,
@@ -43,7 +42,6 @@ TRAINING = (
     raybank,
     batch,
     compositing,
-    passes,
     peer_exchange,
     sample_limits,
     surroundings,

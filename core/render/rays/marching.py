@@ -9,7 +9,7 @@ state and goes on in the next round.  The samples are written to arrays in one o
 
     slots [R, K], then pack_kernel removes the gaps    rounds that the host waits for; K is small
     slots without packing                              the wavefront on CUDA
-    count, then march again and write                  training/run/passes.py: one round with a
+    count, then march again and write                  training/run/batch.py: one round with a
                                                        large K; slots would take a gigabyte
 
 Shapes: R rays, K slots per ray, N packed samples.

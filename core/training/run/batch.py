@@ -1,10 +1,12 @@
 """The samples of a batch of rays, in arrays on the device that are allocated once.
 
-A march counts samples, then writes them (passes.py).  The arrays have a fixed capacity, so no
-launch waits for the host, and a CUDA graph can record them.  If a ray's samples don't fit, the
-step ignores that ray (`fits`).  Unused places have tet = -1.
+A march counts samples, then writes them in a second pass that repeats the first, because slots for
+all samples that a ray may have would take a gigabyte.  Both passes use the ray's entries from one
+search of the boundary.  The arrays have a fixed capacity, so no launch waits for the host, and a
+CUDA graph can record them.  If a ray's samples don't fit, the step ignores that ray (`fits`).
+Unused places have tet = -1.
 
-Shapes: R rays, N samples or places for them.
+Shapes: R rays, N samples or places for them, T tets.
 """
 
 import numpy as np
@@ -15,16 +17,57 @@ from ...field import CONSTANT_BASIS, basis_of, basis_vector
 from ...render import (
     COUNT,
     WRITE,
+    Geometry,
     Pose,
+    Rays,
+    Samples,
     basis_kernel,
     empty_entries,
     empty_rays,
     empty_samples,
+    find_entries,
+    march_ray,
 )
-from ..data.raybank import RayBank, empty_drawn
-from . import passes
+from ..data.raybank import NO_LIMIT, RayBank, empty_drawn
 
-wp.set_module_options({"enable_backward": False})
+MAX_RAY_SAMPLES = wp.constant(2048)  # beyond, a ray is cut off; √3/Δ and one a tet are far fewer
+BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2, "block_dim": BLOCK_SIZE})
+
+
+@wp.kernel
+def entries_kernel(geometry: Geometry, rays: Rays):
+    """Find the entries of the rays in use; Pose.refresh_face_boxes comes before."""
+    i = wp.tid()
+    if rays.tet[i] > -2:
+        find_entries(geometry, rays.origins[i], rays.directions[i], i, rays.entries, False)
+
+
+@wp.kernel
+def march_pass_kernel(
+    geometry: Geometry,
+    rays: Rays,
+    seed: wp.array(dtype=int),  # [1]
+    purpose: int,  # COUNT or WRITE
+    limits: wp.array(dtype=int),  # [R] COUNT: samples at most; NO_LIMIT is none
+    ends: wp.array(dtype=int),  # [R] WRITE: inclusive scan of counts
+    samples: Samples,  # [N] WRITE: out
+    counts: wp.array(dtype=int),  # [R] COUNT: out; WRITE: in
+):
+    """Count or write the samples of each ray; WRITE with the same seed repeats COUNT."""
+    i = wp.tid()
+    first = int(0)
+    limit = int(MAX_RAY_SAMPLES)
+    if limits[i] < NO_LIMIT:
+        limit = limits[i]
+    if purpose == WRITE:
+        first = ends[i] - counts[i]
+        limit = counts[i]
+    rays.entries.next[i] = 0
+    count = march_ray(geometry, rays, i, samples, first, 1, limit, seed=seed[0], purpose=purpose)
+    if purpose == COUNT:
+        counts[i] = count
 
 
 @wp.kernel
@@ -142,7 +185,7 @@ class Batch:
         pose.refresh_face_boxes()
         geometry = pose.geometry
         geometry.occupancy, geometry.step = mask, step
-        self._launch(passes.entries_kernel, self.ray_count, [geometry, self._rays], [])
+        self._launch(entries_kernel, self.ray_count, [geometry, self._rays], [])
         self._march(geometry, COUNT, empty_samples(0, self.device))
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
@@ -193,7 +236,7 @@ class Batch:
         """A pass over all rays."""
         inputs = [geometry, self._rays, self.seed, purpose, self.drawn.limits]
         inputs += [self.ends, samples, self.counts]
-        self._launch(passes.march_pass_kernel, self.ray_count, inputs, [])
+        self._launch(march_pass_kernel, self.ray_count, inputs, [])
 
     def _make_space(self, capacity):
         self.samples = empty_samples(capacity, self.device)

@@ -10,8 +10,7 @@ from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Pose
 from deformrf.core.training.data.raybank import NO_LIMIT
-from deformrf.core.training.run.batch import Batch
-from deformrf.core.training.run.passes import MAX_RAY_SAMPLES
+from deformrf.core.training.run.batch import MAX_RAY_SAMPLES, Batch
 from deformrf.core.training.run.training_field import TrainingField
 from deformrf.core.training.train_options import PRESETS
 
