@@ -44,7 +44,7 @@ class Adam:
             some = [p for p in group["params"] if p.grad is not None]
             if not some:
                 continue
-            states = [self._state_of(p) for p in some]
+            states = [self.state_of(p) for p in some]
             adam(
                 some,
                 [p.grad for p in some],
@@ -62,7 +62,8 @@ class Adam:
                 maximize=False,
             )
 
-    def _state_of(self, parameter):
+    def state_of(self, parameter) -> dict:
+        """The state of a parameter; zeros before the first update."""
         state = self.state[parameter]
         if not state:
             state["step"] = torch.zeros((), device=parameter.device)

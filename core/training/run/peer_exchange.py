@@ -163,11 +163,7 @@ class PeerExchange(Exchange):
 
     @torch.no_grad()
     def update(self, optimizer):
-        state = optimizer.state[self._share]
-        if not state:
-            state["step"] = torch.zeros((), device=self.error.device)
-            state["exp_avg"] = torch.zeros_like(self._share, requires_grad=False)
-            state["exp_avg_sq"] = torch.zeros_like(state["exp_avg"])
+        state = optimizer.state_of(self._share)
         gradients, tables, sums_of_all = self._addresses
         step = wp.from_torch(state["step"].view(1))
         wp.launch(
