@@ -265,23 +265,19 @@ class _Run:
         if self.resumed and self.resumed.stage == stage:
             try:
                 optimization.load_state(self.resumed.fit)
-            except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-                raise self._unfit() from error
-            except RuntimeError as error:
+            except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
                 if lacks_memory(error):
                     raise
-                raise self._unfit() from error
+                raise CheckpointError(
+                    f"{self.checkpoint_path} does not fit its own options and mesh; train without "
+                    f"--resume"
+                ) from error
         # Not before: an interrupt keeps the stage before, or the checkpoint as it was.
         self.stage, self.field, self.optimization = stage, field, optimization
         history = History(self.report["history"], stage, step_count, self._seconds)
         optimization.run(self.progress, f"stage {stage}", self._pause, history.note)
         self.report["returns"] = self.report.get("returns", 0) + optimization.returns
         self._note_memory()
-
-    def _unfit(self) -> CheckpointError:
-        return CheckpointError(
-            f"{self.checkpoint_path} does not fit its own options and mesh; train without --resume"
-        )
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step
