@@ -105,8 +105,7 @@ def search(dataset: Dataset, seed: int, device, workers: Workers, progress):
     if found is None:
         slack = FIELD_SLACK
         found = found_by_a_field(dataset, seed, device, workers, progress)
-    if workers.is_first:
-        progress.say(said(found) if found else NOT_FOUND)
+    progress.say(said(found) if found else NOT_FOUND)
     if found is None:
         return None, None
     world_to_model, box = found_to_unit_cube(found)

@@ -189,7 +189,7 @@ class _Run:
             self.bank = photographs.photographed_rays(
                 *(self.dataset, self.options, self.world_to_model, self.device),
                 self.found and self.found.seen,
-                self.progress.say if self.workers.is_first else lambda sentence: None,
+                self.progress.say,
             )
             if self.resumed:  # another version's grid may order corners otherwise
                 mesh = self.resumed.mesh

@@ -34,7 +34,7 @@ def psnr_of(mse: float) -> float:
 
 
 class TrainingProgress:
-    """A bar per stage, if it is to be `shown`; a context manager.
+    """A bar per stage and sentences, if they are to be `shown`; a context manager.
 
     Attributes:
         rate: Samples a second, of the last steps.
@@ -62,13 +62,14 @@ class TrainingProgress:
 
     def begin(self, title: str, step_count: int, done: int = 0):
         self._since = time.perf_counter()
-        if done and self._shown:
+        if done:
             self.say(f"Going on from step {done} of {step_count} of {title}.")
         return self._bar.add_task(title, total=step_count, completed=done, psnr="", rate="")
 
     def say(self, sentence: str):
         """A line above the bar; the terminal wraps it, so that numbers can be copied."""
-        self._bar.console.print(sentence, soft_wrap=True)
+        if self._shown:
+            self._bar.console.print(sentence, soft_wrap=True)
 
     def advance(self, task, step_count: int, mse: float, sample_count: int):
         """Count steps; `mse` and `sample_count` are those of the last one."""

@@ -277,8 +277,7 @@ class Optimization:
             self.optimizer.forget()
             self._limits.forget()
             self.set_ray_count(RAYS_AT_START)  # without limits rays have more samples
-            if self.workers.is_first:
-                progress.say(returned)
+            progress.say(returned)
         return sample_count
 
     def _adapt_ray_count(self, sample_count):
