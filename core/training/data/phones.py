@@ -20,7 +20,7 @@ import numpy as np
 
 from ...render import Lens
 from .errors import DatasetError
-from .photo_files import IMAGE_ENDINGS
+from .photo_files import photo_files
 from .posed_images import (
     Listing,
     PosedImage,
@@ -72,7 +72,7 @@ def polycam_folders(folder):
 
 def polycam(folder):
     images, cameras = polycam_folders(folder)
-    by_stem = {path.stem: path for path in images_in(images)}
+    by_stem = {path.stem: path for path in photo_files(images)}
     found, missing = [], []
     for path in sorted(cameras.glob("*.json")):
         if path.stem not in by_stem:
@@ -105,7 +105,7 @@ def record3d(folder):
     common = shared_intrinsics(values.get("K"), path)
     each = each if isinstance(each, list) and len(each) == len(poses) else None
     size = [values.get("w"), values.get("h")]
-    by_number = {int(p.stem): p for p in images_in(images) if p.stem.isdecimal()}
+    by_number = {int(p.stem): p for p in photo_files(images) if p.stem.isdecimal()}
     found, missing = [], []
     for number, pose in enumerate(poses):
         if number not in by_number:
@@ -137,12 +137,6 @@ def pose_of(values, name):
 
 
 # -- both --------------------------------------------------------------------------------------
-
-
-def images_in(folder):
-    """The images of a folder in the order of their names, but hidden ones."""
-    files = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_ENDINGS)
-    return sorted(path for path in files if path.is_file() and not path.name.startswith("."))
 
 
 def object_of(path) -> dict:
