@@ -9,17 +9,9 @@ does not show it.
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
 
 from ...base.images import ImageError, open_image, orientation, stored_size
 from .posed_images import PosedImage, have_one_shape
-
-
-class Votes(NamedTuple):
-    """Paths of photographs whose stated sizes tell."""
-
-    stored: list
-    turned: list
 
 
 class Turning:
@@ -39,8 +31,9 @@ class Turning:
         self.guessed = {}
 
     @cached_property
-    def votes(self) -> Votes:
-        votes = Votes([], [])
+    def votes(self) -> tuple[list, list]:
+        """Paths of photographs whose stated size is that of the stored, of the turned image."""
+        as_stored, as_turned = [], []
         for path, stated in {image.path: image.stated_size for image in self._images()}.items():
             if stated is None:
                 continue
@@ -49,11 +42,11 @@ class Turning:
                     number, stored = orientation(file), stored_size(file)
             except ImageError:  # whoever needs this photograph says so
                 continue
-            as_stored = have_one_shape(stored, stated)
-            as_turned = have_one_shape(stored[::-1], stated)
-            if number >= 5 and as_stored != as_turned:
-                (votes.turned if as_turned else votes.stored).append(path)
-        return votes
+            is_stored = have_one_shape(stored, stated)
+            is_turned = have_one_shape(stored[::-1], stated)
+            if number >= 5 and is_stored != is_turned:
+                (as_turned if is_turned else as_stored).append(path)
+        return as_stored, as_turned
 
     def applies(self, image, number: int) -> bool:
         """Whether a photograph's camera is that of the image as EXIF turns it.
