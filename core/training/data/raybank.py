@@ -82,8 +82,8 @@ def view_of(first_pixels: wp.array(dtype=int), pixel: int):
 @wp.kernel
 def draw_kernel(
     bank: Bank,
-    chosen: wp.array(dtype=int),  # [R] pixels, or [0]: random ones
-    limits_of: wp.array(dtype=wp.uint8),  # [P], or [0]: none has a limit
+    chosen: wp.array(dtype=int),  # [R] pixels, or None: random ones
+    limits_of: wp.array(dtype=wp.uint8),  # [P], or None: none has a limit
     seed: wp.array(dtype=int),  # [1]
     drawn: Drawn,  # out
 ):
@@ -167,8 +167,6 @@ class RayBank:
             self.bank.pixels = wp.array(dataset.pixels, dtype=wp.vec4ub, copy=False)
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
-            self._random = wp.empty(0, dtype=int)
-            self._no_limits = wp.empty(0, dtype=wp.uint8)
             self.bank.pool = wp.empty(0, dtype=int)
         # View by view: all pixels may be most of the memory.
         views = pairwise(dataset.first_pixels)
@@ -224,12 +222,10 @@ class RayBank:
             limits: How many samples each pixel's ray may have; of no effect on those that are
                 chosen.  Those that are EMPTY are drawn less often.  None: any number.  [P] uint8
         """
-        if limits is None:
-            limits = self._no_limits
         wp.launch(
             draw_kernel,
             dim=len(drawn.origins),
-            inputs=[self.bank, self._random if chosen is None else chosen, limits, seed],
+            inputs=[self.bank, chosen, limits, seed],
             outputs=[drawn],
             device=self.device,
         )
