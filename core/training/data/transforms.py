@@ -11,8 +11,8 @@ If a transforms.json has no splits, every eighth of its images is a test image;
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
 """
 
-import os
 from dataclasses import replace
+from os.path import realpath
 from pathlib import Path
 
 import numpy as np
@@ -167,24 +167,20 @@ def chosen_frames(scene, frames, files, split, path):
 def listed_frames(names, key, frames, files, path):
     """The same for a list of names: they are compared as paths, and by the files they mean."""
     meant = find_files(path.parent, names, path, once=False).paths
-    entries = {key_of(name) for name in names} | {*map(real, filter(None, meant))}
+    entries = {key_of(name) for name in names} | {*map(realpath, filter(None, meant))}
     own = [
-        {key_of(frame["file_path"])} | ({real(file)} if file else set())
+        {key_of(frame["file_path"])} | ({realpath(file)} if file else set())
         for frame, file in zip(frames, files, strict=True)
     ]
     known = set().union(*own)
     unknown = [
         name
         for name, file in zip(names, meant, strict=True)
-        if key_of(name) not in known and not (file and real(file) in known)
+        if key_of(name) not in known and not (file and realpath(file) in known)
     ]
     said = f"{len(unknown)} of {len(names)} {key} in {path.name} name no frame"
     chosen = [i for i, its in enumerate(own) if its & entries]
     return chosen, f"{said}, first {tail_of(unknown[0])}" if unknown else ""
-
-
-def real(path):
-    return os.path.realpath(path)
 
 
 def told_of_times(frames, path) -> str:
