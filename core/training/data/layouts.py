@@ -24,6 +24,7 @@ from .turning import Turning
 DEEPEST = 3  # folders that may be wrapped around a data set
 MOST_FOLDERS = 1000  # that are looked into for one
 WORK = ".capture"  # ending of the folders that hold unfinished work of wings/capture
+READERS = nsvf, colmap, phones  # of folders without transforms.json, in the order of trying
 
 
 def list_images(folder: Path, split: str | None, outside: bool = False) -> Listing:
@@ -62,12 +63,7 @@ def images_of_all_splits(folder, outside) -> list[PosedImage]:
 
 def has_cameras(folder: Path) -> bool:
     """Whether a folder's files are in one of the layouts, for any split."""
-    return bool(
-        any(folder.glob("transforms*.json"))
-        or nsvf.is_here(folder)
-        or colmap.is_here(folder)
-        or phones.is_here(folder)
-    )
+    return any(folder.glob("transforms*.json")) or any(r.is_here(folder) for r in READERS)
 
 
 def read_layout(folder, split):
@@ -76,12 +72,9 @@ def read_layout(folder, split):
         return transforms.read(folder, split)
     if (folder / "transforms_train.json").is_file():
         return no_split(folder, split)  # another layout's cameras are in a space of their own
-    if nsvf.is_here(folder):
-        return nsvf.read(folder, split)
-    if colmap.is_here(folder):
-        return colmap.read(folder, split)
-    if phones.is_here(folder):
-        return phones.read(folder, split)
+    for reader in READERS:
+        if reader.is_here(folder):
+            return reader.read(folder, split)
     check_place(folder)
     return no_split(folder, split)
 
