@@ -51,9 +51,9 @@ MOST_POINTS = 10_000_000  # 240 MB
 LONGEST_NAME = 4096  # bytes
 LONGEST_LINE = 2**14  # bytes of it that are looked at; lists of features and tracks may be longer
 BLOCK = 2**22  # bytes of points that are read at once
-CAMERA, POSE = struct.Struct("<IiQQ"), struct.Struct("<I7dI")
-CAMERA_BYTES = CAMERA.size + 2 * 8  # at least
-IMAGE_BYTES, FEATURE_BYTES = POSE.size + 2 + 8, 24
+CAMERA, POSE = "<IiQQ", "<I7dI"
+CAMERA_BYTES = struct.calcsize(CAMERA) + 2 * 8  # at least
+IMAGE_BYTES, FEATURE_BYTES = struct.calcsize(POSE) + 2 + 8, 24
 POINT_BYTES, TRACK_BYTES = 51, 8  # a point without its track, an element of that
 IMAGE_FIELDS = "number qw qx qy qz tx ty tz camera name"
 
@@ -175,12 +175,11 @@ def count_of(stream, size, most, least_bytes, what) -> int:
     return count
 
 
-def taken(stream, layout: struct.Struct | str):
+def taken(stream, layout: str):
     """The next values of a binary file."""
-    layout = struct.Struct(layout) if isinstance(layout, str) else layout
-    data = stream.read(layout.size)
-    check(len(data) == layout.size, "is cut off: a record is incomplete")
-    return layout.unpack(data)
+    data = stream.read(struct.calcsize(layout))
+    check(len(data) == struct.calcsize(layout), "is cut off: a record is incomplete")
+    return struct.unpack(layout, data)
 
 
 def check_end(position, size):

@@ -120,7 +120,9 @@ class TrainingField:
         self.hidden = torch.zeros(shape, dtype=torch.bool, device=self.torch_device)
         self._outside = None
         if box is not None:
-            self._outside = torch.from_numpy(outside(mesh, box)).to(self.torch_device)
+            middles = subtet_middles(mesh)
+            is_outside = ((middles < box[0]) | (middles > box[1])).any(axis=2)
+            self._outside = torch.from_numpy(is_outside).to(self.torch_device)
             self.hidden |= self._outside
             self.occupied &= ~self.hidden
         self._mask_bits = torch.zeros(shape[0], dtype=torch.int64, device=self.torch_device)
@@ -356,9 +358,3 @@ class TrainingField:
         bits = torch.arange(SUBTET_COUNT, device=self.torch_device)
         # Wraps to the same 64 bits; in place, because a CUDA graph knows the address.
         self._mask_bits.copy_((self.occupied.long() << bits).sum(dim=1))
-
-
-def outside(mesh: TetMesh, box):
-    """Which sub-tets have their middle outside of a box [2, 3].  [T, 64] bool"""
-    middles = subtet_middles(mesh)
-    return ((middles < box[0]) | (middles > box[1])).any(axis=2)
