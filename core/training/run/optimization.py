@@ -19,14 +19,13 @@ import warp as wp
 from ..data.raybank import RayBank
 from ..train_options import TrainOptions
 from . import recorded_steps
-from .adam import Adam
+from .adam import Adam, learning_rate, rate_groups
 from .batch import Batch
 from .checkpoint_checks import checked_scale
 from .loss import add_table_decay, needed_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .monitoring import Diverged, LossWatch, TrainingProgress
 from .peer_exchange import make_exchange
-from .rates import learning_rate, rate_groups
 from .recorded_steps import RecordedSteps
 from .sample_limits import SampleLimits
 from .training_field import TrainingField
@@ -90,10 +89,8 @@ class Optimization:
         several = self.workers.count > 1
         self._exchange = make_exchange(field, self.error) if several else None
         groups = rate_groups(field, self._exchange.parameters if several else field.parameters())
-        self._rate_shares = [share for share, _ in groups]
-        # On CUDA a graph reads the rates.
-        rates = [torch.zeros((), device=device) if device.type == "cuda" else 0.0 for _ in groups]
-        groups = [{"params": p, "lr": r} for (_, p), r in zip(groups, rates, strict=True)]
+        for group in groups:  # on CUDA a graph reads the rates
+            group["lr"] = torch.zeros((), device=device) if device.type == "cuda" else 0.0
         self.optimizer = Adam(groups, BETAS, EPSILON)
         self._make_whole = self._exchange.make_whole if several else lambda: None
         self._watch = LossWatch(field, self._make_whole)
@@ -153,11 +150,11 @@ class Optimization:
     def step(self, rate: float, white: bool):
         """Do one step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
-        for group, share in zip(self.optimizer.param_groups, self._rate_shares, strict=True):
+        for group in self.optimizer.param_groups:
             if self.field.device.is_cuda:
-                group["lr"].fill_(share * rate)
+                group["lr"].fill_(group["share"] * rate)
             else:
-                group["lr"] = share * rate
+                group["lr"] = group["share"] * rate
         if self.field.device.is_cuda:
             if self._recorded is None:
                 self._record()

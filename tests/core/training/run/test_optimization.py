@@ -13,12 +13,12 @@ from deformrf.core.geometry import a15_grid
 from deformrf.core.training import preset, world_to_unit_cube
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run import memory, monitoring, optimization
+from deformrf.core.training.run.adam import learning_rate
 from deformrf.core.training.run.batch import looks
 from deformrf.core.training.run.distributed import Workers
 from deformrf.core.training.run.loss import needed_decay
 from deformrf.core.training.run.monitoring import Diverged, TrainingProgress
 from deformrf.core.training.run.optimization import Optimization
-from deformrf.core.training.run.rates import learning_rate
 from deformrf.core.training.run.training_field import TrainingField
 
 OPTIONS = preset("tiny", samples_per_step=2**14, coarse_steps=50, fine_steps=50)
