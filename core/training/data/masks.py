@@ -8,6 +8,7 @@ A mask is white on the object (opaque, if it has alpha).  Some programs write nu
 classes: if a mask has few values and none is white, the object is everything that is not black.
 """
 
+from os.path import isfile
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from ...base.images import ImageError, open_image, rgba
 from .errors import DatasetError
 from .foreign_paths import tail_of
 from .photo_files import IMAGE_ENDINGS
-from .posed_images import PosedImage, existing, have_one_shape
+from .posed_images import PosedImage, have_one_shape
 
 MOST_CLASSES = 32  # values of a mask that holds numbers of classes; what is soft has more
 
@@ -78,8 +79,8 @@ def mask_path(folder: Path, image: Path) -> Path | None:
     endings = (*IMAGE_ENDINGS, *map(str.upper, IMAGE_ENDINGS))
     names = [stem + ending for stem in stems for ending in endings]
     places = [place for place in (folder / image.parent.name, folder) if place.is_dir()]
-    paths = (existing(place, name) for place in places for name in names)
-    return next((p for p in paths if p and p.resolve() != image.resolve()), None)
+    paths = (place / name for place in places for name in names)
+    return next((p for p in paths if isfile(p) and p.resolve() != image.resolve()), None)
 
 
 def read_mask(path: Path, width, height, upright=False):

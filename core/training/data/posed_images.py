@@ -94,15 +94,6 @@ def json_of(path: Path):
         raise DatasetError(f"{path} is not JSON: {error}") from None
 
 
-def existing(folder: Path, name: str) -> Path | None:
-    """The file of that name in a folder; None without one, or if no file can have that name."""
-    try:
-        path = folder / name
-        return path if path.is_file() else None
-    except (OSError, ValueError):  # too long, or with characters that no name has
-        return None
-
-
 def have_one_shape(size, other) -> bool:
     """Whether two sizes (width, height) have about the same ratio of sides."""
     across, down = size[0] * other[1], size[1] * other[0]
