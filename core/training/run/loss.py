@@ -1,26 +1,17 @@
-"""The loss of a batch: errors of colors, and costs of scattered samples and of features.
+"""The loss of a batch: that of definition/loss.py, and what photographs need beside it.
 
-    loss = mean over pixels of (squared error + distortion weight · distortion
-                              + excess weight · excess)
-           + table decay · ½ Σ 4^(l + 1 − L) θ²    over the features θ of the levels l = 0 … L − 1
+If surroundings are trained, `surrounded_cost` takes the place of the distortion's cost.  If
+photographs differ in exposure, each has a color map (exposure.py), which is applied to the model's
+colors before they are compared; the maps have a cost, too.
 
-Images with alpha are composited on a random background per ray or on white, so that the field
-becomes empty where they are transparent.  If surroundings are trained, `surrounded_cost` is the
-second term.
-
-If photographs differ in exposure, each has a color map (exposure.py), which is applied to the
-model's colors before they are compared; the maps have a cost, too.
-
-Excess: a color is the sigmoid of a logit.  The excess of a ray is the sum, over its three logits,
-of the squared distance beyond ±8, times the ray's opacity.  Beyond ±8 the sigmoid has almost no
-slope.  An object of one color drives a wide network there in the first steps, and no error would
-move its colors again.  Every color that 8 bits can tell from 0 and 1 lies within ±8.  Colors of
-samples and of surroundings have no such cost, because their networks are narrow.
+Excess: an object of one color drives a wide network to logits beyond ±8 in the first steps, and no
+error would move its colors again.  Every color that 8 bits can tell from 0 and 1 lies within ±8.
+Colors of samples and of surroundings have no such cost, because their networks are narrow.
 
 Table decay reduces noise: fine levels explain differences between photographs that are no
-texture.  The finest level's features cost most.  If photographs have more than twice as many
-numbers as there are features, noise matters little, and the term would only cost detail:
-`needed_decay`.  Only the gradient of this term is computed: `add_table_decay`.
+texture.  If photographs have more than twice as many numbers as there are features, noise matters
+little, and the term would only cost detail: `needed_decay`.  Only the gradient of this term is
+computed: `add_table_decay`.
 """
 
 import torch
