@@ -28,40 +28,28 @@ def lane_count(device) -> int:
     return 32 if wp.get_device(device).is_cuda else 1
 
 
-@wp.func_native("""
+# `start` and the x of all lanes before this one, combined.
+BEFORE = """
 #if defined(__CUDA_ARCH__)
-    float sum = x;
+    float all = x;
     for (int distance = 1; distance < 32; distance *= 2) {
-        float other = __shfl_up_sync(0xffffffffu, sum, distance);
-        if ((threadIdx.x & 31) >= distance) sum += other;
+        float other = __shfl_up_sync(0xffffffffu, all, distance);
+        if ((threadIdx.x & 31) >= distance) all = all OPERATOR other;
     }
-    sum = __shfl_up_sync(0xffffffffu, sum, 1);
-    return (threadIdx.x & 31) == 0 ? start : start + sum;
+    all = __shfl_up_sync(0xffffffffu, all, 1);
+    return (threadIdx.x & 31) == 0 ? start : start OPERATOR all;
 #else
     return start;
 #endif
-""")
-def sum_before(start: float, x: float) -> float:
-    """`start` plus the x of all lanes before this one."""
-    ...
+"""
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    float product = x;
-    for (int distance = 1; distance < 32; distance *= 2) {
-        float other = __shfl_up_sync(0xffffffffu, product, distance);
-        if ((threadIdx.x & 31) >= distance) product *= other;
-    }
-    product = __shfl_up_sync(0xffffffffu, product, 1);
-    return (threadIdx.x & 31) == 0 ? start : start * product;
-#else
-    return start;
-#endif
-""")
-def product_before(start: float, x: float) -> float:
-    """`start` times the x of all lanes before this one."""
-    ...
+@wp.func_native(BEFORE.replace("OPERATOR", "+"))
+def sum_before(start: float, x: float) -> float: ...
+
+
+@wp.func_native(BEFORE.replace("OPERATOR", "*"))
+def product_before(start: float, x: float) -> float: ...
 
 
 @wp.func_native("""
