@@ -79,6 +79,17 @@ def view_of(first_pixels: wp.array(dtype=int), pixel: int):
     return low
 
 
+@wp.func
+def ray_of(bank: Bank, pixel: int):
+    """A pixel's view, and the origin and direction of its ray."""
+    view = view_of(bank.first_pixels, pixel)
+    camera = bank.cameras[view]
+    place = pixel - bank.first_pixels[view]
+    width = camera.lens.width
+    origin, direction = camera_ray(camera, place % width, place / width)
+    return view, origin, direction
+
+
 @wp.kernel
 def draw_kernel(
     bank: Bank,
@@ -111,11 +122,7 @@ def draw_kernel(
     drawn.pixels[i] = pixel
     drawn.limits[i] = wp.where(limit == EMPTY, NO_LIMIT, limit)
     drawn.tries[i] = float(tried)
-    view = view_of(bank.first_pixels, pixel)
-    camera = bank.cameras[view]
-    place = pixel - bank.first_pixels[view]
-    width = camera.lens.width
-    origin, direction = camera_ray(camera, place % width, place / width)
+    view, origin, direction = ray_of(bank, pixel)
     drawn.origins[i] = origin
     drawn.directions[i] = direction
     drawn.views[i] = view
@@ -128,11 +135,7 @@ def draw_kernel(
 def meets_kernel(bank: Bank, low: wp.vec3, high: wp.vec3, meets: wp.array(dtype=wp.uint8)):
     """Whether each pixel's ray meets a box."""
     pixel = wp.tid()
-    view = view_of(bank.first_pixels, pixel)
-    camera = bank.cameras[view]
-    place = pixel - bank.first_pixels[view]
-    width = camera.lens.width
-    origin, direction = camera_ray(camera, place % width, place / width)
+    _view, origin, direction = ray_of(bank, pixel)
     enter = float(0.0)
     leave = float(1.0e30)
     for axis in range(3):
@@ -183,7 +186,13 @@ class RayBank:
         """
         if box is None and shares is None:
             return
-        chosen = np.ones(self.pixel_count, bool) if box is None else self._meeting(box)
+        chosen = np.ones(self.pixel_count, bool)
+        if box is not None:
+            low, high = wp.vec3(*map(float, box[0])), wp.vec3(*map(float, box[1]))
+            meets = wp.zeros(self.pixel_count, dtype=wp.uint8, device=self.device)
+            inputs = [self.bank, low, high]
+            wp.launch(meets_kernel, self.pixel_count, inputs, [meets], device=self.device)
+            chosen = meets.numpy() > 0
         met = max(np.count_nonzero(chosen), 1)
         aside = others / (1.0 - others) * met / max(self.pixel_count - met, 1)
         rng, count = np.random.default_rng(0), 0
@@ -196,19 +205,6 @@ class RayBank:
         pixels = np.flatnonzero(chosen if count else []).astype(np.int32)
         self.object_pixel_count = min(self.object_pixel_count, count or self.pixel_count)
         self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
-
-    def _meeting(self, box):
-        """Whether each pixel's ray meets a box [2, 3].  [P] bool"""
-        low, high = wp.vec3(*map(float, box[0])), wp.vec3(*map(float, box[1]))
-        meets = wp.zeros(self.pixel_count, dtype=wp.uint8, device=self.device)
-        wp.launch(
-            meets_kernel,
-            dim=self.pixel_count,
-            inputs=[self.bank, low, high],
-            outputs=[meets],
-            device=self.device,
-        )
-        return meets.numpy() > 0
 
     @property
     def pixel_count(self) -> int:
