@@ -106,23 +106,14 @@ class Exchange:
     @torch.no_grad()
     def update(self, optimizer):
         """Update this worker's share of the table, and all other weights."""
-        weight = self._spread()
+        weight = self._split(self._sums)[2].clamp_(min=1.0)
+        self._sums[:-1] /= weight  # means over all workers' pixels
+        self._hand_out()
         torch.div(self.workers.share_of(self._table_gradient), weight, out=self._share_gradient)
         self._share.grad = self._share_gradient
         optimizer.step()
         if self.field.half_rows is not None:
             self.workers.share_of(self.field.half_rows).copy_(self._share)
-
-    def _spread(self):
-        """Make the means over all workers' pixels the error and the gradients of what all update.
-
-        Returns:
-            The number of those pixels, at least 1.  torch [1]
-        """
-        weight = self._split(self._sums)[2].clamp_(min=1.0)
-        self._sums[:-1] /= weight
-        self._hand_out()
-        return weight
 
     def _hand_out(self):
         """Give the means in `_sums` to the parameters and the error."""
