@@ -21,7 +21,6 @@ from .errors import DatasetError
 if TYPE_CHECKING:
     from .turning import Turning
 
-MOST_TEXT = 64 * 2**20  # bytes of a file that lists views: about a hundred thousand of them
 FARTHEST = 1e12  # that a camera may be, so that no product overflows
 SHAPE_TOLERANCE = 0.02  # between the stated width : height and the image's
 EVERY_TEST_VIEW = 8  # for data without a split, as in LLFF and mip-NeRF 360
@@ -72,7 +71,7 @@ def is_of_split(index: int, count: int, split: str | None) -> bool:
 def text_of(path: Path) -> str:
     """A text file of a data set; DatasetError if it is none, too long, or not in Unicode."""
     try:
-        data = read_bytes(path, MOST_TEXT)
+        data = read_bytes(path)
         is_wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         return data.decode("utf-16" if is_wide else "utf-8-sig")
     except OSError as error:

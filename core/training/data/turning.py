@@ -20,13 +20,12 @@ class Turning:
     Attributes:
         guessed: Path and orientation of photographs that none tells about: they are taken as they
             are stored.
+
+    Args:
+        images: Called without arguments, returns the PosedImages of all splits.
     """
 
     def __init__(self, images: Callable):
-        """
-        Args:
-            images: Called without arguments, returns the PosedImages of all splits.
-        """
         self._images = images
         self.guessed = {}
 
