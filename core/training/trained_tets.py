@@ -52,9 +52,7 @@ def kept_mesh(field: TrainingField, ground: Plane | None = None) -> TetMesh:
             "stage 1 found nothing: it had too few --steps, or the object doesn't lie in the "
             "scene box (--scene-radius is half the box's edge)"
         )
-    keep, beside = occupied.copy(), neighbours[occupied]
-    keep[beside[beside >= 0]] = True
-    keep = solid(keep, neighbours, closed_by(mesh, ground))
+    keep = solid(occupied, neighbours, closed_by(mesh, ground))
     labels = face_components(neighbours, keep)
     sizes = np.bincount(labels[occupied])  # neighbours would make six times as much of a speck
     keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * occupied.sum()
@@ -72,8 +70,12 @@ def closed_by(mesh: TetMesh, ground: Plane | None):
     return heights < 0.5 * regular_edge(mesh)
 
 
-def solid(keep, neighbours, closed):
-    """These tets, what they and the closed ones enclose, and closed ones next to that.  [T] bool"""
+def solid(occupied, neighbours, closed):
+    """Occupied tets and their neighbours, what these and the closed ones enclose, and closed ones
+    next to that.  [T] bool
+    """
+    keep, beside = occupied.copy(), neighbours[occupied]
+    keep[beside[beside >= 0]] = True
     filled = fill_enclosed(keep, neighbours, closed)
     beside = neighbours[filled & ~keep]
     filled[beside[beside >= 0]] = True
@@ -117,9 +119,7 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
     stays = (sizes >= SMALLEST_PART * sizes.sum()) & ~touches
     stays[sizes.argmax()] = True
     occupied &= stays[labels]
-    keep, beside = occupied.copy(), neighbours[occupied]
-    keep[beside[beside >= 0]] = True
-    keep = solid(keep, neighbours, closed_by(mesh, ground)) & ~is_ground
+    keep = solid(occupied, neighbours, closed_by(mesh, ground)) & ~is_ground
     matter &= occupied[:, None]
     return reduced(replace(field, occupancy=pack_mask(matter)), keep)
 
