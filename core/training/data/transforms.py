@@ -96,7 +96,7 @@ def cameras(path: Path) -> list[PosedImage]:
 def size_by_angles(values):
     """Width and height of a picture with both angles of view of a frame; None without them."""
     angles = values.get("camera_angle_x"), values.get("camera_angle_y")
-    is_known = all(is_number(angle) and 0.0 < angle < np.pi for angle in angles)
+    is_known = all(isinstance(angle, float) and 0.0 < angle < np.pi for angle in angles)
     if not is_known or values.get("fl_x") is not None:
         return None
     return tuple(1000.0 * np.tan(0.5 * angle) for angle in angles)
@@ -123,7 +123,7 @@ def posed(scene, frame, image, mask, path) -> PosedImage:
     pose = rigid_pose(frame.get("transform_matrix"), f"the transform_matrix of {name}")
     values = {**scene, **frame}
     size = values.get("w"), values.get("h")
-    stated = size if all(map(is_number, size)) else None
+    stated = size if all(isinstance(side, float) for side in size) else None
     upright = frame.get("upright") is True
     lens = lens_reader(values, path)
     mask_name = frame.get("mask_path") or ""
@@ -185,17 +185,13 @@ def listed_frames(names, key, frames, files, path):
 
 def told_of_times(frames, path) -> str:
     """A sentence if frames show different times, which one still object can't."""
-    times = {time for frame in frames if is_number(time := frame.get("time")) and time == time}
+    times = {time for f in frames if isinstance(time := f.get("time"), float) and time == time}
     if len(times) < 2:
         return ""
     return (
         f"the frames of {path.name} show {len(times)} different times, and one still object is "
         f"trained of all of them: if it moves, keep the frames of one time"
     )
-
-
-def is_number(value) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def check_center(center, values, size, path):
@@ -229,7 +225,7 @@ def lens_reader(values, path):
         value = values.get(key)
         if value is None:
             return otherwise
-        if not is_number(value):
+        if not isinstance(value, float):
             raise DatasetError(f"{path} has {key} = {shown(value)}: it has to be a number")
         return value
 
