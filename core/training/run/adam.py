@@ -13,6 +13,7 @@ from torch.optim.adam import adam
 
 from .training_field import TrainingField
 
+BETAS, EPSILON = (0.9, 0.99), 1e-15  # of the moments; the paper has 0.999
 FULL_RATE_WIDTH = 64  # of hidden layers that learn as fast as the rest
 
 
@@ -47,13 +48,11 @@ class Adam:
         param_groups: Dictionaries of a group's "params" and its rate "lr": on CUDA a tensor on the
             device, which recorded steps read.
         state: Of each parameter that had a gradient: "step", "exp_avg", "exp_avg_sq".
-        betas, epsilon: Decay of the two moments, and what is added to the root of the second.
     """
 
-    def __init__(self, groups: list[dict], betas: tuple[float, float], epsilon: float):
+    def __init__(self, groups: list[dict]):
         self.param_groups = groups
         self.state = defaultdict(dict)
-        self.betas, self.epsilon = betas, epsilon
 
     def zero_grad(self):
         """Forget the gradients, and free their memory."""
@@ -84,11 +83,11 @@ class Adam:
                 [state["step"] for state in states],
                 fused=True,
                 amsgrad=False,
-                beta1=self.betas[0],
-                beta2=self.betas[1],
+                beta1=BETAS[0],
+                beta2=BETAS[1],
                 lr=group["lr"],
                 weight_decay=0.0,
-                eps=self.epsilon,
+                eps=EPSILON,
                 maximize=False,
             )
 

@@ -30,7 +30,6 @@ from .recorded_steps import RecordedSteps
 from .sample_limits import SampleLimits
 from .training_field import TrainingField
 
-BETAS, EPSILON = (0.9, 0.99), 1e-15  # of Adam; the paper has 0.999
 # Adam cancels it.  Less, and float16 loses the gradients that hold the color network's sums.
 LOSS_SCALE = 2.0**17
 FIRST_LOSS_SCALE = 2.0**10  # of checkpoints that tell none, and have no limits
@@ -91,7 +90,7 @@ class Optimization:
         groups = rate_groups(field, self._exchange.parameters if several else field.parameters())
         for group in groups:  # on CUDA a graph reads the rates
             group["lr"] = torch.zeros((), device=device) if device.type == "cuda" else 0.0
-        self.optimizer = Adam(groups, BETAS, EPSILON)
+        self.optimizer = Adam(groups)
         self._make_whole = self._exchange.make_whole if several else lambda: None
         self._watch = LossWatch(field, self._make_whole)
         # Surroundings learn from rays that meet no matter.

@@ -20,6 +20,7 @@ import torch.distributed as dist
 import warp as wp
 
 from ...base.wide import load_wide, load_wide_bfloat, store_wide, store_wide_half, vec4b, vec4h
+from .adam import BETAS, EPSILON
 from .distributed import Workers
 from .exchange import Exchange
 from .memory import lacks_memory
@@ -191,8 +192,8 @@ class PeerExchange(Exchange):
                     self.workers.rank * len(self._share),
                     wp.from_torch(rate),
                     step,
-                    *optimizer.betas,
-                    optimizer.epsilon,
+                    *BETAS,
+                    EPSILON,
                     *(wp.from_torch(vector, dtype=wp.vec4) for vector in vectors),
                     len(self.field.rows),
                     tables,

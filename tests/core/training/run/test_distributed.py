@@ -28,9 +28,10 @@ from deformrf.core.training import (
     world_to_unit_cube,
 )
 from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.run.adam import BETAS
 from deformrf.core.training.run.differentiable import on_warp_stream
 from deformrf.core.training.run.distributed import ALONE, Workers
-from deformrf.core.training.run.optimization import BETAS, LOSS_SCALE, Optimization
+from deformrf.core.training.run.optimization import LOSS_SCALE, Optimization
 from deformrf.core.training.run.surroundings import LearnedSurroundings, random_surroundings
 from deformrf.core.training.run.training_field import TrainingField
 

@@ -5,14 +5,14 @@ import torch
 
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
-from deformrf.core.training.run.adam import Adam
+from deformrf.core.training.run.adam import BETAS, EPSILON, Adam
 from deformrf.core.training.run.distributed import Workers
 from deformrf.core.training.run.exchange import Exchange
 from deformrf.core.training.run.peer_exchange import PeerExchange
 from deformrf.core.training.run.training_field import TrainingField
 
 WEIGHTS = (300.0, 100.0)  # rays of each worker
-RATE, BETAS, EPSILON = 1e-2, (0.9, 0.99), 1e-15
+RATE = 1e-2
 
 
 class OneProcess:
@@ -66,7 +66,7 @@ def weighted_mean(own):
 
 
 def optimizers(pair):
-    return [Adam([{"params": one.parameters, "lr": RATE}], BETAS, EPSILON) for one in pair]
+    return [Adam([{"params": one.parameters, "lr": RATE}]) for one in pair]
 
 
 def test_gradients_are_weighted_means_of_all_workers(pair):
