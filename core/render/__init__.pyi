@@ -23,7 +23,7 @@ from .kernels import kernel_modules as kernel_modules
 from .rays.marching import (
     COUNT as COUNT,
     Rays as Rays,
-    Samples as Samples,
+    RaySamples as RaySamples,
     WRITE as WRITE,
     basis_kernel as basis_kernel,
     empty_rays as empty_rays,

@@ -169,12 +169,12 @@ class Shading:
 
     def basis(self, rays: Rays, found: RaySamples):
         """Spherical harmonics of the samples' rest directions.  [N] basis_vector"""
-        tet, device = found.samples.tet, self.device
+        count, device = len(found.samples.tet), self.device
         if not self.field.options.view_dependence:
             constant = basis_vector(CONSTANT_BASIS)
-            return wp.full(len(tet), constant, dtype=basis_vector, device=device)
-        basis = wp.empty(len(tet), dtype=basis_vector, device=device)
-        inputs = [rays, self.rotations, found.ids, found.counts, found.ends, tet]
+            return wp.full(count, constant, dtype=basis_vector, device=device)
+        basis = wp.empty(count, dtype=basis_vector, device=device)
+        inputs = [rays, self.rotations, found]
         wp.launch(basis_kernel, len(found.ids), inputs=inputs, outputs=[basis], device=device)
         return basis
 

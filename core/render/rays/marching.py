@@ -259,16 +259,13 @@ def pack_kernel(
 def basis_kernel(
     rays: Rays,
     rotations: wp.array(dtype=wp.mat33),  # [T] Q
-    alive: wp.array(dtype=int),  # [threads]
-    counts: wp.array(dtype=int),  # [threads]
-    ends: wp.array(dtype=int),  # [threads]
-    sample_tet: wp.array(dtype=int),  # [N]
+    found: RaySamples,
     basis: wp.array(dtype=basis_vector),  # [N] out
 ):
     """Spherical harmonics of each packed sample's rest direction, Qᵀd."""
     i = wp.tid()
-    direction = rays.directions[alive[i]]
-    n = ends[i] - counts[i]
-    while n < ends[i]:
-        basis[n] = basis_of(wp.transpose(rotations[sample_tet[n]]) * direction)
+    direction = rays.directions[found.ids[i]]
+    n = found.ends[i] - found.counts[i]
+    while n < found.ends[i]:
+        basis[n] = basis_of(wp.transpose(rotations[found.samples.tet[n]]) * direction)
         n += 1

@@ -20,7 +20,7 @@ from ...render import (
     Geometry,
     Pose,
     Rays,
-    Samples,
+    RaySamples,
     basis_kernel,
     empty_entries,
     empty_rays,
@@ -51,9 +51,7 @@ def march_pass_kernel(
     seed: wp.array(dtype=int),  # [1]
     purpose: int,  # COUNT or WRITE
     limits: wp.array(dtype=int),  # [R] COUNT: samples at most; NO_LIMIT is none
-    ends: wp.array(dtype=int),  # [R] WRITE: inclusive scan of counts
-    samples: Samples,  # [N] WRITE: out
-    counts: wp.array(dtype=int),  # [R] COUNT: out; WRITE: in
+    found: RaySamples,  # COUNT: counts are out; WRITE: samples are
 ):
     """Count or write the samples of each ray; WRITE with the same seed repeats COUNT."""
     i = wp.tid()
@@ -62,12 +60,14 @@ def march_pass_kernel(
     if limits[i] < NO_LIMIT:
         limit = limits[i]
     if purpose == WRITE:
-        first = ends[i] - counts[i]
-        limit = counts[i]
+        first = found.ends[i] - found.counts[i]
+        limit = found.counts[i]
     rays.entries.next[i] = 0
-    count = march_ray(geometry, rays, i, samples, first, 1, limit, seed=seed[0], purpose=purpose)
+    count = march_ray(
+        geometry, rays, i, found.samples, first, 1, limit, seed=seed[0], purpose=purpose
+    )
     if purpose == COUNT:
-        counts[i] = count
+        found.counts[i] = count
 
 
 @wp.kernel
@@ -150,12 +150,12 @@ class Batch:
         self.background = wp.to_torch(self.drawn.background)
         self.views = wp.to_torch(self.drawn.views)
         self.tries = wp.to_torch(self.drawn.tries)
-        self._everyone = wp.from_torch(
-            torch.arange(ray_count, dtype=torch.int32, device=wp.device_to_torch(device))
-        )
         self.seed = wp.zeros(1, dtype=int, device=device)
         self.counts = wp.zeros(ray_count, dtype=int, device=device)
         self.ends = wp.zeros(ray_count, dtype=int, device=device)
+        self._found = RaySamples()
+        self._found.ids = wp.array(np.arange(ray_count), dtype=int, device=device)
+        self._found.counts, self._found.ends = self.counts, self.ends
         self._fits = wp.zeros(ray_count, dtype=float, device=device)
         self.fits = wp.to_torch(self._fits)
         self.learned = wp.zeros(ray_count, dtype=int, device=device)
@@ -186,7 +186,7 @@ class Batch:
         geometry = pose.geometry
         geometry.occupancy, geometry.step = mask, step
         self._launch(entries_kernel, self.ray_count, [geometry, self._rays], [])
-        self._march(geometry, COUNT, empty_samples(0, self.device))
+        self._march(geometry, COUNT)
         wp.utils.array_scan(self.counts, self.ends, inclusive=True)
         if self.capacity is None:
             self._make_space(int(self.ends[self.ray_count - 1 :].numpy()[0]))
@@ -197,26 +197,15 @@ class Batch:
             [self.ends, self._rays.tet, capacity],
             [self.counts, self._fits, self.sample_count],
         )
-        self._march(geometry, WRITE, self.samples)
+        self._march(geometry, WRITE)
         self._launch(mark_unused_kernel, capacity, [self.sample_count], [self.samples.tet])
         if not self._harmonics:
             return
         if not view_dependence:
             self.basis[:, 0] = CONSTANT_BASIS[0]
             return
-        self._launch(
-            basis_kernel,
-            self.ray_count,
-            [
-                self._rays,
-                pose.geometry.rotations,
-                self._everyone,
-                self.counts,
-                self.ends,
-                self.samples.tet,
-            ],
-            [self._basis],
-        )
+        inputs = [self._rays, pose.geometry.rotations, self._found]
+        self._launch(basis_kernel, self.ray_count, inputs, [self._basis])
 
     def ray_basis(self, view_dependence=True):
         """Spherical harmonics of the rays' directions, which at rest are the samples'.  [R, 16]"""
@@ -232,14 +221,13 @@ class Batch:
         """How many pixels were drawn for the rays that the step learns from.  torch []"""
         return (self.fits * self.tries).sum()
 
-    def _march(self, geometry, purpose, samples):
+    def _march(self, geometry, purpose):
         """A pass over all rays."""
-        inputs = [geometry, self._rays, self.seed, purpose, self.drawn.limits]
-        inputs += [self.ends, samples, self.counts]
+        inputs = [geometry, self._rays, self.seed, purpose, self.drawn.limits, self._found]
         self._launch(march_pass_kernel, self.ray_count, inputs, [])
 
     def _make_space(self, capacity):
-        self.samples = empty_samples(capacity, self.device)
+        self.samples = self._found.samples = empty_samples(capacity, self.device)
         for array in (self.samples.bary, self.samples.length, self.samples.t):
             array.zero_()  # the networks read unused places too
         if self._harmonics:

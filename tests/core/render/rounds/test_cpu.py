@@ -19,6 +19,7 @@ from deformrf.core.definition.networks import (
 from deformrf.core.field import modelfile, multiplies_pairs, subtet_corners, unpack_mask
 from deformrf.core.field.networks.layers import bfloat16
 from deformrf.core.render import (
+    RaySamples,
     Renderer,
     RenderOptions,
     camera_rays,
@@ -27,7 +28,6 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rays.marching import RaySamples
 from deformrf.core.render.rounds import cpu
 from deformrf.core.render.rounds.compositing import empty_pixels
 from deformrf.core.training.metrics import psnr
