@@ -39,7 +39,6 @@ from .data.datasets import read_image as read_image, shrunk_size as shrunk_size,
 # For wings/capture.
 from .data.photo_files import photo_files as photo_files, photo_folder as photo_folder
 from .data.points import (
-    POINTS_FILE as POINTS_FILE,
     SparsePoints as SparsePoints,
     load_points as load_points,
     save_points as save_points,

@@ -15,8 +15,8 @@ from deformrf.wings.rig import (
     driven_vertices,
     mixed,
     skinned,
-    skinning_matrices,
 )
+from deformrf.wings.rig.skeleton import skinning_matrices
 
 TICK = 1.0 / 60.0  # s
 

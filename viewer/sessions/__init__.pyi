@@ -6,12 +6,11 @@ from .session import (
     save_session as save_session,
     start_of as start_of,
 )
-from .belonging import Opened as Opened, open_session as open_session
+from .belonging import open_session as open_session
 from .player import (
     Patience as Patience,
     Player as Player,
     play_patiently as play_patiently,
-    spoken as spoken,
 )
 from .session_values import FARTHEST_POINT as FARTHEST_POINT
 from .autosave import (

@@ -1,5 +1,4 @@
 from .cameras import IMAGE_SIZE as IMAGE_SIZE
-from .cameras import Capture as Capture
 from .cameras import doubts_about as doubts_about
 from .cameras import find_cameras as find_cameras
 from .cameras import frames_of_video as frames_of_video

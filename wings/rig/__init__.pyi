@@ -6,26 +6,21 @@ from .skeleton import (
     make_skeleton as make_skeleton,
     mixed as mixed,
     moved_tails as moved_tails,
-    parents_first as parents_first,
     pose_of as pose_of,
     posed as posed,
-    posed_tails as posed_tails,
     reach as reach,
-    skinning_matrices as skinning_matrices,
     turned as turned,
 )
 from .clips import (
     Channel as Channel,
     Clip as Clip,
     VertexClip as VertexClip,
-    clip_of_matrices as clip_of_matrices,
     clip_of_poses as clip_of_poses,
     phase as phase,
 )
 from .caches import FRAMES_PER_SECOND as FRAMES_PER_SECOND, read_cache as read_cache
 from .export import MESH_ENDINGS as MESH_ENDINGS, export_mesh as export_mesh
 from .blender import (
-    BlenderClip as BlenderClip,
     BlenderRig as BlenderRig,
     read_blender as read_blender,
     rig_of as rig_of,
@@ -34,7 +29,6 @@ from .blender import (
 from .weights import (
     automatic_weights as automatic_weights,
     driven_vertices as driven_vertices,
-    harmonic_weights as harmonic_weights,
     nearest_point_weights as nearest_point_weights,
     rigid_weights as rigid_weights,
 )
@@ -42,7 +36,6 @@ from .untangle import Untangler as Untangler
 from .quality import (
     TetQuality as TetQuality,
     clip_quality as clip_quality,
-    frame_times as frame_times,
 )
 from .fitting import fitted_weights as fitted_weights, surface_samples as surface_samples
 from .alignment import align as align, outer_points as outer_points, shared_space as shared_space

@@ -8,6 +8,7 @@ import pytest
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.scene import Scene
 from deformrf.wings import rig
+from deformrf.wings.rig.skeleton import skinning_matrices
 
 
 @pytest.fixture
@@ -41,7 +42,7 @@ def make_clip(scene):
 
 def test_the_object_is_where_skinning_puts_it_and_stays(scene, ball):
     turn(scene)
-    matrices = rig.skinning_matrices(scene.rigging.skeleton, scene.posing.pose)
+    matrices = skinning_matrices(scene.rigging.skeleton, scene.posing.pose)
     weights = scene.rigging.rig.weights
     wanted = rig.skinned(ball.mesh.rest_vertices, weights, matrices)
     assert scene.rigging.rig.offsets is None
@@ -202,7 +203,7 @@ def test_a_soft_object_follows_keys_of_bones_while_they_play(scene):
     for _ in range(15):
         scene.advance(TIME_STEP)
     assert scene.timeline.playing and scene.posing.drives and not scene.paused
-    wanted = rig.skinning_matrices(scene.rigging.skeleton, scene.timeline.bones_at(15))
+    wanted = skinning_matrices(scene.rigging.skeleton, scene.timeline.bones_at(15))
     wanted = scene.rigging.bound().pose(wanted).numpy()
     driven = scene.grip.bones
     np.testing.assert_allclose(vertices(scene)[driven], wanted[driven], atol=1e-5)
@@ -254,7 +255,7 @@ def test_offsets_of_a_model_pose_it_until_its_bones_are_others(scene, ball):
     arrays = rig.arrays_of(rig.Rig(made.skeleton, made.weights, offsets=offsets))
     scene = Scene(replace(ball, rig_arrays=arrays), "ball", "cpu")
     turn(scene)
-    matrices = rig.skinning_matrices(scene.rigging.skeleton, scene.posing.pose)
+    matrices = skinning_matrices(scene.rigging.skeleton, scene.posing.pose)
     for method in rig.METHODS:
         scene.posing.set_skinning(method)
         rest = ball.mesh.rest_vertices

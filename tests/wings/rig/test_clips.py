@@ -7,15 +7,15 @@ from deformrf.wings.rig import (
     Channel,
     Clip,
     VertexClip,
-    clip_of_matrices,
     clip_of_poses,
     make_skeleton,
     phase,
     posed,
     rotations,
-    skinning_matrices,
     turned,
 )
+from deformrf.wings.rig.clips import clip_of_matrices
+from deformrf.wings.rig.skeleton import skinning_matrices
 
 
 @pytest.fixture

@@ -8,15 +8,13 @@ from deformrf.wings.rig import (
     Skeleton,
     make_skeleton,
     mixed,
-    parents_first,
     pose_of,
     posed,
-    posed_tails,
     reach,
     rotations,
-    skinning_matrices,
     turned,
 )
+from deformrf.wings.rig.skeleton import parents_first, posed_tails, skinning_matrices
 
 NAMES, PARENTS = ("root", "arm", "hand", "other"), (-1, 0, 1, 0)
 HEADS = [[0, 0, 0], [0, 0, 1], [0.2, 0, 2], [1, 0, 0]]

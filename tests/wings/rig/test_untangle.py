@@ -15,13 +15,13 @@ from deformrf.wings.rig import (
     clip_of_poses,
     clip_quality,
     driven_vertices,
-    frame_times,
     make_skeleton,
     rigid_weights,
     skinned,
-    skinning_matrices,
     turned,
 )
+from deformrf.wings.rig.quality import frame_times
+from deformrf.wings.rig.skeleton import skinning_matrices
 
 
 @pytest.fixture(scope="module")

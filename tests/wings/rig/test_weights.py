@@ -17,13 +17,11 @@ from deformrf.core.geometry import (
 from deformrf.wings.rig import (
     automatic_weights,
     fitted_weights,
-    harmonic_weights,
     make_skeleton,
     nearest_point_weights,
     rigid_weights,
     rotations,
     skinned,
-    skinning_matrices,
     surface_samples,
     turned,
 )
@@ -35,7 +33,8 @@ from deformrf.wings.rig.laplacian import (
     solved,
     solved_as_shares,
 )
-from deformrf.wings.rig.weights import nearest_on_triangles
+from deformrf.wings.rig.skeleton import skinning_matrices
+from deformrf.wings.rig.weights import harmonic_weights, nearest_on_triangles
 
 
 @pytest.fixture(scope="module")
