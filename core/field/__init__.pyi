@@ -79,6 +79,5 @@ from .occupancy import (
     subtet_corners as subtet_corners,
     subtet_middles as subtet_middles,
     subtet_of as subtet_of,
-    subtets_of as subtets_of,
     unpack_mask as unpack_mask,
 )

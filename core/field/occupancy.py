@@ -9,7 +9,6 @@ Shapes: T tets, N samples.
 import numpy as np
 import warp as wp
 
-from ..definition.subdivision import child_path
 from ..geometry import TetMesh, child_of, into_child, path_corners
 
 LEVELS = 2
@@ -41,11 +40,6 @@ def unpack_mask(mask: np.ndarray) -> np.ndarray:
 def occupied_share(mask: np.ndarray) -> float:
     """Share of the sub-tets that may hold density."""
     return float(np.bitwise_count(mask).mean() / SUBTET_COUNT)
-
-
-def subtets_of(bary: np.ndarray) -> np.ndarray:
-    """`subtet_of` in NumPy.  [N, 4] -> [N] int64"""
-    return child_path(bary, LEVELS)
 
 
 @wp.func

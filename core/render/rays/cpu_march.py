@@ -14,7 +14,8 @@ import numpy as np
 import warp as wp
 
 from ...base.native import LANES_H, native_source
-from ...field import SUBTET_COUNT, subtets_of
+from ...definition.subdivision import child_path
+from ...field import SUBTET_COUNT
 from .marching import FEWEST_AT_ONCE, MOST_PIECES, Rays, Round, march_ray
 from .pose import Geometry
 from .traversal import ENTRY_SLACK, MAX_TETS, SMALLEST_ADVANCE
@@ -38,7 +39,7 @@ def lattice_paths():
         order = (ranks[0] > ranks[1]) + 2 * (ranks[0] > ranks[2]) + 4 * (ranks[1] > ranks[2])
         bary = np.array([[1.0 - x[0], x[0] - x[1], x[1] - x[2], x[2]]])
         place = ((cell[2] * SIDE + cell[1]) * SIDE + cell[0]) * ORDERS + order
-        paths[place] = subtets_of(bary)[0]
+        paths[place] = child_path(bary, levels=2)[0]
     return paths
 
 

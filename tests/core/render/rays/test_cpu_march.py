@@ -5,7 +5,8 @@ import pytest
 import warp as wp
 
 from deformrf.core.definition.image import ray_pieces, render_rays
-from deformrf.core.field import SUBTET_COUNT, subtets_of
+from deformrf.core.definition.subdivision import child_path
+from deformrf.core.field import SUBTET_COUNT
 from deformrf.core.render import (
     Renderer,
     RenderOptions,
@@ -34,7 +35,7 @@ def test_paths_are_those_of_points_in_each_cube_and_order():
     f = x - cell
     order = (f[:, 0] >= f[:, 1]) + 2 * (f[:, 0] >= f[:, 2]) + 4 * (f[:, 1] >= f[:, 2])
     place = (cell @ [1, SIDE, SIDE * SIDE]) * ORDERS + order
-    np.testing.assert_array_equal(lattice_paths()[place], subtets_of(bary))
+    np.testing.assert_array_equal(lattice_paths()[place], child_path(bary, levels=2))
     assert len(set(lattice_paths())) == SUBTET_COUNT
 
 
