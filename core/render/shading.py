@@ -40,7 +40,6 @@ class Shading:
     """Density and color of samples of one field on one device.
 
     Attributes:
-        table: Its entries in float32; on CUDA None until they are needed.
         on_cpu: Its native code; None on CUDA.
         in_place: That of the `evaluators`, for rounds that do not wait for the host; None on a CPU.
     """
@@ -49,13 +48,11 @@ class Shading:
         """`rotations`: Q of each tet; the renderer writes each new pose to this array."""
         self.field, self.rotations, self.device = field, rotations, device
         self.tables = make_tables(field.mesh, field.layout, device)
-        self.table = self._half_tables = None
         self.in_place = self.on_cpu = None
         if device.is_cuda:
             self._networks = evaluators(field, device)
             self.in_place = self._networks.in_place
         else:
-            self._upload_table()
             self.on_cpu = CpuShader(self)
 
     def shade(self, rays: Rays, found: RaySamples, options, stage):
@@ -71,7 +68,7 @@ class Shading:
             with stage("networks"):
                 return self._shade_on_host(rays, found, options)
         with stage("encode"):
-            features = self.encode(found.samples, options.level_count)
+            features = self._encode(self.table, found.samples, options)
         with stage("networks"):
             sigma, h = self._networks.geometry(features, options.half)
             if self.field.options.deferred:
@@ -124,14 +121,6 @@ class Shading:
             expected[tets, subtets] = self.on_cpu.sigma(samples)
         return wp.array(expected.ravel(), dtype=float, device=self.device)
 
-    def _half_features(self, samples, used_level_count=None):
-        count, level_count = len(samples.tet), self.field.layout.level_count
-        features = wp.zeros((count, level_count), dtype=vec4h, device=self.device)
-        inputs = [self.tables, self.half_tables()[0], samples.tet, samples.bary]
-        inputs.append(used_level_count or level_count)
-        wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=self.device)
-        return features
-
     def _values(self, rays, found, h):
         values = wp.empty(len(h), dtype=ray_sums, device=self.device)
         inputs = [rays, self.rotations, found, h]
@@ -141,7 +130,7 @@ class Shading:
     def _shade_half(self, rays, found, options, stage):
         samples, count, device = found.samples, len(found.samples.tet), self.device
         with stage("encode"):
-            features = self._half_features(samples, options.level_count)
+            features = self._encode(self.half_tables[0], samples, options)
         with stage("networks"):
             sigma = wp.empty(count, dtype=float, device=device)
             total = wp.full(1, count, dtype=int, device=device)
@@ -157,13 +146,12 @@ class Shading:
             self.in_place.evaluate(features.flatten(), between.flatten(), total, sigma, rgb)
         return sigma, rgb
 
-    def encode(self, samples: Samples, level_count=None):
-        """Features of samples, float32.  [N, L] vec4"""
-        self._upload_table()
-        count = len(samples.tet)
-        level_count = level_count or self.field.layout.level_count
-        features = wp.empty((count, level_count), dtype=wp.vec4, device=self.device)
-        inputs = [self.tables, self.table, samples.tet, samples.bary, level_count]
+    def _encode(self, table, samples: Samples, options):
+        """Features of samples, of the table's type; 0 in levels that aren't used.  [N, L]"""
+        count, level_count = len(samples.tet), self.field.layout.level_count
+        features = wp.zeros((count, level_count), dtype=table.dtype, device=self.device)
+        inputs = [self.tables, table, samples.tet, samples.bary]
+        inputs.append(options.level_count or level_count)
         wp.launch(encode_kernel, count, inputs=inputs, outputs=[features], device=self.device)
         return features
 
@@ -178,18 +166,17 @@ class Shading:
         wp.launch(basis_kernel, len(found.ids), inputs=inputs, outputs=[basis], device=device)
         return basis
 
+    @cached_property
+    def table(self):
+        """Entries in float32, which default mode on CUDA does not need."""
+        return wp.array(self.field.table, dtype=wp.vec4, device=self.device)
+
+    @cached_property
     def half_tables(self):
         """Entries, and nodes of the dense levels, in half precision.  Two arrays of vec4h"""
-        if self._half_tables is None:
-            table = self.field.table.astype(np.float16)
-            tables = table, node_table(self.field.layout, table)
-            self._half_tables = [wp.array(a, dtype=vec4h, device=self.device) for a in tables]
-        return self._half_tables
-
-    def _upload_table(self):
-        """In float32: on CUDA at the first need, as default mode reads `half_tables`."""
-        if self.table is None:
-            self.table = wp.array(self.field.table, dtype=wp.vec4, device=self.device)
+        table = self.field.table.astype(np.float16)
+        tables = table, node_table(self.field.layout, table)
+        return [wp.array(a, dtype=vec4h, device=self.device) for a in tables]
 
 
 @wp.kernel

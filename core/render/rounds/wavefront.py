@@ -82,7 +82,7 @@ class Wavefront:
         self.capacity = capacity
         self._pose = pose
         self._tables, self._networks = shading.tables, shading.in_place
-        self._table, self._nodes = shading.half_tables()
+        self._table, self._nodes = shading.half_tables
         self._constant_direction = int(not options.view_dependence)
         self._deferred = options.deferred
         self._ray_count = 0  # of the image
