@@ -123,13 +123,9 @@ def color_rays(colors, view_dependence: bool, ids, pixels: Pixels):
     """
     for first in range(0, len(ids), AT_ONCE):
         part = ids[first : min(first + AT_ONCE, len(ids))]  # Warp takes no slice beyond the end
-        _color_part(colors, view_dependence, part, pixels)
-
-
-def _color_part(colors, view_dependence, ids, pixels):
-    count, device = len(ids), ids.device
-    h = wp.empty((count, GEOMETRY_FEATURES), dtype=float, device=device)
-    basis = wp.empty(count, dtype=basis_vector, device=device)
-    inputs = [pixels, ids, int(view_dependence)]
-    wp.launch(means_kernel, count, inputs, [h, basis], device=device)
-    wp.launch(put_colors_kernel, count, [ids, colors(h, basis)], [pixels], device=device)
+        count, device = len(part), ids.device
+        h = wp.empty((count, GEOMETRY_FEATURES), dtype=float, device=device)
+        basis = wp.empty(count, dtype=basis_vector, device=device)
+        inputs = [pixels, part, int(view_dependence)]
+        wp.launch(means_kernel, count, inputs, [h, basis], device=device)
+        wp.launch(put_colors_kernel, count, [part, colors(h, basis)], [pixels], device=device)

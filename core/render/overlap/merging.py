@@ -12,17 +12,18 @@ The sums are float64, so they return to zero when the last medium is removed.
 Shapes: R rays, M of them tangled, N pieces, 2 N ends.
 """
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from ...field import is_occupied, subtet_of
-from ..rays.marching import COUNT, WRITE, Rays, RaySamples, empty_samples
+from ..rays.marching import COUNT, WRITE, Rays, RaySamples
 from ..rays.pose import Geometry, Pose, box_tree
 from ..rays.traversal import interval_in_tet, speed_and_fade
 from ..rounds.compositing import Pixels, ray_sums
-from ..stage_timer import StageTimer
+from ..rounds.host import empty_found
 from .windows import WindowRounds
 
 CPU_PIECES = 1 << 17  # at once, if no single ray has more
@@ -39,11 +40,10 @@ class PieceMerger:
     def __init__(self, pose: Pose, shading):
         self._pose, self._shading = pose, shading
         self._revision, self._boxes = -1, None
-        self._untimed = StageTimer(pose.device)  # callers time the whole
         self._windows = WindowRounds(pose, shading) if pose.device.is_cpu else None
 
-    def prepare(self) -> wp.Bvh:
-        """The BVH of all tets in the present pose, built unless it is there.
+    def prepare(self) -> None:
+        """Bring the BVH of all tets to the present pose.
 
         On CUDA it is built once and then fitted, which is less work for each pose.
         """
@@ -51,7 +51,6 @@ class PieceMerger:
             old = self._boxes if self._pose.device.is_cuda else None
             self._boxes = box_tree(self._pose.vertices, self._pose.tets, old=old)
             self._revision = self._pose.revision
-        return self._boxes
 
     def render(self, rays: Rays, ids, pixels: Pixels, options) -> int:
         """Fill the pixels of the rays `ids` [M]; returns the number of samples.
@@ -73,17 +72,16 @@ class PieceMerger:
             before = int(ends[first - 1]) if first else 0
             last = max(first + 1, int(np.searchsorted(ends, before + most, side="right")))
             some = slice(first, last)
-            total = int(ends[last - 1]) - before
-            self._render_some(rays, ids[some], counts[some], total, pixels, options)
-            shaded += total
+            shaded += self._render_some(rays, ids[some], counts[some], pixels, options)
             first = last
         return shaded
 
-    def _render_some(self, rays, ids, counts, total, pixels, options):
+    def _render_some(self, rays, ids, counts, pixels, options):
         device = self._pose.device
-        pieces = empty_pieces(total, ids, counts)
+        pieces = empty_pieces(ids, counts)
+        total = len(pieces.found.samples.tet)
         self._find_pieces(rays, ids, WRITE, counts, pieces)
-        sigma, values = self._shading.shade(rays, pieces.found, options, self._untimed)
+        sigma, values = self._shading.shade(rays, pieces.found, options, stage=nullcontext)
         if device.is_cuda and total:
             first, last = pieces.first_switches, pieces.last_switches
             wp.utils.segmented_sort_pairs(pieces.places, pieces.switches, 2 * total, first, last)
@@ -92,6 +90,7 @@ class PieceMerger:
         sums = pixels.sums if len(pixels.sums) else pixels.color
         wp.launch(merge_kernel, len(ids), [pieces, sigma, values], [pixels, sums], device=device)
         self._shading.finish(ids, pixels, options)
+        return total
 
     def _find_pieces(self, rays, ids, purpose, counts, pieces):
         pose, boxes = self._pose, self._boxes.id
@@ -101,7 +100,7 @@ class PieceMerger:
 
 @wp.struct
 class PieceList:
-    """PieceList of some rays, ray after ray."""
+    """Pieces of some rays, ray after ray."""
 
     found: RaySamples  # [M] rays, [N] pieces, whose length is s |F^-1 d|: κ / σ
     places: wp.array(dtype=float)  # [4 N] t of the ends; the second half is for the sort
@@ -110,12 +109,10 @@ class PieceList:
     last_switches: wp.array(dtype=int)  # [M] index behind each ray's last one
 
 
-def empty_pieces(count: int, ids, counts) -> PieceList:
+def empty_pieces(ids, counts) -> PieceList:
     pieces, ray_count, device = PieceList(), len(ids), ids.device
-    pieces.found.ids, pieces.found.counts = ids, counts
-    pieces.found.ends = wp.empty(ray_count, dtype=int, device=device)
-    wp.utils.array_scan(counts, pieces.found.ends, inclusive=True)
-    pieces.found.samples = empty_samples(count, device)
+    pieces.found = empty_found(ids, counts)
+    count = len(pieces.found.samples.tet)
     pieces.places = wp.empty(4 * count, dtype=float, device=device)
     pieces.switches = wp.empty(4 * count, dtype=int, device=device)
     pieces.first_switches = wp.empty(ray_count, dtype=int, device=device)

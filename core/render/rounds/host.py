@@ -37,7 +37,7 @@ class HostRounds:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
         if self._on_cpu and stage.seconds is None:
             return self._on_cpu.trace(rays, alive, pixels, options)
-        sample_count, round_, ids = 0, 0, alive
+        sample_count, round_, all_rays = 0, 0, alive
         by_round = ROUND_SLOTS if self._on_cpu else CUDA_ROUND_SLOTS
         while len(alive):
             slot_count = by_round[min(round_, len(by_round) - 1)]
@@ -48,11 +48,14 @@ class HostRounds:
                 still, count = self._shade(rays, part, slots, counts, pixels, options, stage)
                 left.append(still)
                 sample_count += count
-            alive = left[0] if len(left) == 1 else joined(left)
+            alive = left[0]
+            if len(left) > 1:
+                ids = np.concatenate([part.numpy() for part in left])
+                alive = wp.array(ids, dtype=int, device="cpu")
             round_ += 1
         if not self._on_cpu:
             with stage("networks"):
-                self._shading.finish(ids, pixels, options)
+                self._shading.finish(all_rays, pixels, options)
         return sample_count
 
     def _parts(self, alive, slot_count):
@@ -94,19 +97,18 @@ class HostRounds:
             return still_alive[: int(still_alive_count.numpy()[0])], len(sigma)
 
 
-def joined(arrays):
-    """Arrays of numbers of rays in one."""
-    return wp.array(np.concatenate([a.numpy() for a in arrays]), dtype=int, device="cpu")
-
-
 def packed(slots, counts, ids) -> RaySamples:
     """Samples of the rays `ids` from slots [R · K], without gaps."""
-    count, device = len(ids), ids.device
+    found, count = empty_found(ids, counts), len(ids)
+    wp.launch(pack_kernel, count, [slots, len(slots.tet) // count], [found], device=ids.device)
+    return found
+
+
+def empty_found(ids, counts) -> RaySamples:
+    """Room for as many samples of the rays `ids` as `counts` says; waits for the device."""
     found = RaySamples()
     found.ids, found.counts = ids, counts
-    found.ends = wp.empty(count, dtype=int, device=device)
+    found.ends = wp.empty(len(ids), dtype=int, device=ids.device)
     wp.utils.array_scan(counts, found.ends, inclusive=True)
-    found.samples = empty_samples(int(found.ends[count - 1 : count].numpy()[0]), device)
-    slot_count = len(slots.tet) // count
-    wp.launch(pack_kernel, count, [slots, slot_count], [found], device=device)
+    found.samples = empty_samples(int(found.ends[len(ids) - 1 :].numpy()[0]), ids.device)
     return found
