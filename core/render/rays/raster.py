@@ -69,9 +69,7 @@ def bounding_rectangles(camera: Camera, vertices, faces):
 
     None if a face reaches behind the camera or is nowhere, or the lens bends its edges.
     """
-    if camera.lens.is_distorted:
-        return None
-    if not np.isfinite(vertices[faces]).all():
+    if camera.lens.is_distorted or not np.isfinite(vertices[faces]).all():
         return None
     local = (vertices - camera.position) @ camera.camera_to_world[:3, :3]
     depth = np.ones(len(local)) if camera.parallel else -local[:, 2]
