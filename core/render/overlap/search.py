@@ -17,8 +17,6 @@ not tangled; window_slots.py, windows.py and merging.py render the others.
 Shapes: R rays, T tets, V vertices, B boundary faces, C parts (connected through faces).
 """
 
-from functools import partial
-
 import numpy as np
 import warp as wp
 
@@ -73,8 +71,7 @@ class Overlap:
         self._stream = wp.Stream(pose.device) if pose.device.is_cuda else None
         self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
         self._searching = Recorded(pose.device)
-        self._parts = self._parts_for_threads() if pose.device.is_cpu else None
-        self._is_loaded = False
+        self._parts = None  # on a CPU: launches, each with what it counts
 
     @property
     def expected(self) -> bool:
@@ -117,7 +114,7 @@ class Overlap:
             wp.get_stream(self._pose.device).wait_event(self._counted)
 
     def _launch_search(self):
-        if self._parts is not None:
+        if self._pose.device.is_cpu:
             self._search_on_cpu()
             return
         pose, tet_count = self._pose, len(self._pose.tets)
@@ -130,33 +127,27 @@ class Overlap:
         wp.copy(self._host_counts, self.counts)
 
     def _search_on_cpu(self):
-        """Launch for some edges in each thread; the first has the tets, too."""
-
-        def search(part):
-            tet_count, edges, part_tets, counts = part
-            counts.zero_()
-            threads = tet_count + len(edges) + len(part_tets)
-            inputs = [self._pose.geometry, tet_count, edges, part_tets]
-            outputs = [counts, self.tangled.ids]
-            wp.launch(search_kernel, threads, inputs, outputs, device="cpu", block_dim=BLOCK_SIZE)
-            return counts.numpy()
-
-        tasks = [partial(search, part) for part in self._parts]
-        # At first each thread would compile the kernel.
-        found = sum(side_by_side(tasks) if self._is_loaded else [task() for task in tasks])
-        self._is_loaded = True
+        if self._parts is None:
+            self._parts = self._parts_for_threads()
+        for _, counts in self._parts:
+            counts[:] = 0
+        side_by_side([launch.launch for launch, _ in self._parts])
+        found = sum(counts for _, counts in self._parts)
         self.counts.assign(found)
         self._host_counts.assign(found)
 
     def _parts_for_threads(self):
-        """For each of a CPU's threads: tets, edges, tets of parts, room for counts."""
-        none = wp.empty(0, dtype=wp.vec4i, device="cpu")
-        parts = [
-            (0, self._edges[first:end], none, wp.zeros(2, dtype=int, device="cpu"))
-            for first, end in parts_of(len(self._edges), EDGES_PER_THREAD)
-        ]
-        _, edges, _, counts = parts[0]
-        return [(len(self._pose.tets), edges, self._part_tets, counts), *parts[1:]]
+        """A launch for some edges in each thread, with its counts; the first has the tets, too."""
+        geometry, ids = self._pose.geometry, self.tangled.ids
+        tet_count, part_tets, parts = len(self._pose.tets), self._part_tets, []
+        for first, end in parts_of(len(self._edges), EDGES_PER_THREAD):
+            counts = wp.zeros(2, dtype=int, device="cpu")
+            threads = tet_count + end - first + len(part_tets)
+            arrays = [geometry, tet_count, self._edges[first:end], part_tets], [counts, ids]
+            where = {"device": "cpu", "block_dim": BLOCK_SIZE, "record_cmd": True}
+            parts.append((wp.launch(search_kernel, threads, *arrays, **where), counts.numpy()))
+            tet_count, part_tets = 0, wp.empty(0, dtype=wp.vec4i, device="cpu")
+        return parts
 
     def prepare(self) -> None:
         """Make what `sort_rays` needs in the present pose."""

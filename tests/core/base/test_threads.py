@@ -67,10 +67,10 @@ def test_a_pose_is_the_same_in_parts(make_ball_field, monkeypatch):
         monkeypatch.setattr(threads, "thread_count", lambda cores=cores: cores)
         pose = Pose(field.mesh, field.neighbours, "cpu")
         overlap = Overlap(field.mesh, field.neighbours, pose)
-        assert len(pose._frame_parts) == len(overlap._parts) == cores
         for vertices, tangled in ((rest, False), (shaken, True), (rest, False)):
             pose.set_vertices(vertices)
             assert overlap.exists() == tangled
+            assert len(pose._frame_parts) == len(overlap._parts) == cores
             tets, crossings = overlap.counts.numpy()
             assert (tets > 0) == (crossings > 0) == tangled
             arrays = pose.geometry.rows, pose.geometry.shapes, pose.geometry.rotations
