@@ -66,7 +66,9 @@ class Shading:
             return self._shade_half(rays, found, options, stage)
         if self._host is not None:
             with stage("networks"):
-                return self._shade_on_host(rays, found, options)
+                wp.copy(self._host.rotations, self.rotations)
+                shaded = self._host.on_cpu.values(rays, found.to("cpu"), options)
+                return tuple(array.to(self.device) for array in shaded)
         with stage("encode"):
             features = self._encode(self.table, found.samples, options)
         with stage("networks"):
@@ -99,11 +101,6 @@ class Shading:
             return None
         rotations = wp.empty(len(self.rotations), dtype=wp.mat33, device="cpu")
         return Shading(self.field, rotations, rotations.device)
-
-    def _shade_on_host(self, rays, found, options):
-        wp.copy(self._host.rotations, self.rotations)
-        shaded = self._host.on_cpu.values(rays, found.to("cpu"), options)
-        return tuple(array.to(self.device) for array in shaded)
 
     @cached_property
     def densities(self):

@@ -11,12 +11,12 @@ from deformrf.wings.rig import (
     BonePose,
     Method,
     Rig,
-    Untangler,
     driven_vertices,
     mixed,
     skinned,
 )
 from deformrf.wings.rig.skeleton import skinning_matrices
+from deformrf.wings.rig.untangle import Untangler
 
 TICK = 1.0 / 60.0  # s
 

@@ -32,7 +32,6 @@ from .weights import (
     nearest_point_weights as nearest_point_weights,
     rigid_weights as rigid_weights,
 )
-from .untangle import Untangler as Untangler
 from .quality import (
     TetQuality as TetQuality,
     clip_quality as clip_quality,

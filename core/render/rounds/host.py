@@ -60,10 +60,8 @@ class HostRounds:
 
     def _parts(self, alive, slot_count):
         """Some of the rays at a time, on a CPU: their slots have to fit into memory."""
-        most = CPU_SLOTS // slot_count
-        if self._pose.device.is_cuda or len(alive) <= most:
-            return [alive]
         count = len(alive)  # Warp takes no slice beyond the end
+        most = CPU_SLOTS // slot_count if self._on_cpu else count
         return [alive[k : min(k + most, count)] for k in range(0, count, most)]
 
     def _march(self, rays, alive, slot_count, pixels, options):

@@ -9,7 +9,6 @@ from deformrf.core.geometry import a15_grid, extract
 from deformrf.wings.rig import (
     Clip,
     Rig,
-    Untangler,
     VertexClip,
     automatic_weights,
     clip_of_poses,
@@ -22,6 +21,7 @@ from deformrf.wings.rig import (
 )
 from deformrf.wings.rig.quality import frame_times
 from deformrf.wings.rig.skeleton import skinning_matrices
+from deformrf.wings.rig.untangle import Untangler
 
 
 @pytest.fixture(scope="module")
