@@ -153,12 +153,15 @@ class Wavefront:
         inputs = [self._pose.geometry, rows[0], row_count, self.buffers]
         self._launch(slots.begin_kernel, pixel_threads(width, row_count), inputs)
 
-    def start(self, options, stage, way: Way = PLAIN):
-        """Launch as many rounds as an image is likely to need, from the rays in the list.
+    def start(self, options, stage, way: Way = PLAIN, rounds: int | None = None):
+        """Launch rounds from the rays in the list, by default as many as an image likely needs.
 
         They fill `color` and `depth` of the buffers.
         """
-        self._launch_rounds(self._likely_rounds(way), way, options, stage)
+        for _ in range(rounds or self._likely_rounds(way)):
+            self._round(way, options, stage)
+        if self._deferred:
+            self._launch_colors(options, stage)
 
     def finish(self, options, stage, way: Way = PLAIN) -> tuple[int, int, bool]:
         """Wait for the rounds of `start`, and launch others until no ray is listed.
@@ -175,19 +178,13 @@ class Wavefront:
             if state[slots.NEXT_LISTED] == 0:
                 break
             rounds = min(max(2, rounds // 2), MOST_MORE_ROUNDS)
-            self._launch_rounds(rounds, way, options, stage)
+            self.start(options, stage, way, rounds)
         needed = self._needed_rounds.setdefault(way.march, deque(maxlen=REMEMBERED_IMAGES))
         needed.append(int(state[slots.ROUNDS]))
         return int(state[slots.SAMPLES]), int(state[slots.CROWDED]), needed[-1] > first
 
     def _likely_rounds(self, way) -> int:
         return max(self._needed_rounds.get(way.march, ()), default=FIRST_ROUNDS)
-
-    def _launch_rounds(self, count, way, options, stage):
-        for _ in range(count):
-            self._round(way, options, stage)
-        if self._deferred:
-            self._launch_colors(options, stage)
 
     def _round(self, way, options, stage):
         """One round, recorded as a CUDA graph unless its stages are timed."""
