@@ -33,6 +33,14 @@ def side_by_side(tasks: list[Callable]) -> list:
     return [mine, *(future.result() for future in running)]
 
 
+def counted(parts: list[tuple]):
+    """Run wp.Launches side by side, each with the array that it counts in; the sum of these."""
+    for _, counts in parts:
+        counts[:] = 0
+    side_by_side([launch.launch for launch, _ in parts])
+    return sum(counts for _, counts in parts)
+
+
 @cache
 def _helpers():
     return ThreadPoolExecutor(max(thread_count() - 1, 1), "side by side")

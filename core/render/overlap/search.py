@@ -21,7 +21,7 @@ import numpy as np
 import warp as wp
 
 from ...base.recorded import Recorded
-from ...base.threads import parts_of, side_by_side
+from ...base.threads import counted, parts_of
 from ...geometry import TetMesh, edges, face_components
 from ..rays.entries import crossing_of
 from ..rays.marching import Rays
@@ -115,7 +115,10 @@ class Overlap:
 
     def _launch_search(self):
         if self._pose.device.is_cpu:
-            self._search_on_cpu()
+            self._parts = self._parts or self._parts_for_threads()
+            found = counted(self._parts)
+            self.counts.assign(found)
+            self._host_counts.assign(found)
             return
         pose, tet_count = self._pose, len(self._pose.tets)
         self.counts.zero_()
@@ -125,16 +128,6 @@ class Overlap:
         where = {"device": pose.device, "block_dim": BLOCK_SIZE}
         wp.launch(search_kernel, threads, inputs, outputs, **where)
         wp.copy(self._host_counts, self.counts)
-
-    def _search_on_cpu(self):
-        if self._parts is None:
-            self._parts = self._parts_for_threads()
-        for _, counts in self._parts:
-            counts[:] = 0
-        side_by_side([launch.launch for launch, _ in self._parts])
-        found = sum(counts for _, counts in self._parts)
-        self.counts.assign(found)
-        self._host_counts.assign(found)
 
     def _parts_for_threads(self):
         """A launch for some edges in each thread, with its counts; the first has the tets, too."""

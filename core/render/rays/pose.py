@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from ...base.recorded import Recorded
-from ...base.threads import parts_of, side_by_side
+from ...base.threads import counted, parts_of
 from ...geometry import TetMesh, boundary_faces
 
 # Rounding may move a face across a ray's t: queries look this far around t, boxes are this
@@ -303,11 +303,7 @@ class Pose:
                 )
                 parts.append((launch, mirrored.numpy()))
             self._frame_parts = parts
-        for _, mirrored in self._frame_parts:
-            mirrored[:] = 0
-        side_by_side([launch.launch for launch, _ in self._frame_parts])
-        count = sum(mirrored for _, mirrored in self._frame_parts)
-        self.geometry.mirrored_count.numpy()[:] = count
+        self.geometry.mirrored_count.numpy()[:] = counted(self._frame_parts)
 
     def _frame_arrays(self, first, end, mirrored_count):
         """Inputs and outputs of tet_frames_kernel for some tets."""
