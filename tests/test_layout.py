@@ -265,7 +265,7 @@ def test_every_package_is_installed():
 def test_everything_beside_modules_is_installed():
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     data = setuptools["package-data"]
-    for path in (ROOT / "core").rglob("*"):
+    for path in (path for room in ROOMS for path in (ROOT / room).rglob("*")):
         if path.is_file() and path.suffix not in (".py", ".pyc"):
             patterns = data["*"] + data.get(module_name(path.parent), [])
             assert any(path.match(pattern) for pattern in patterns), f"{path} isn't installed"
@@ -293,7 +293,9 @@ def test_every_dependency_is_pinned():
     "module",
     [
         "deformrf.commands.training",
+        "deformrf.commands.edit",
         "deformrf.commands.evaluate",
+        "deformrf.commands.render",
         "deformrf.commands.rig",
         "deformrf.commands.report",
         "deformrf.commands.view",

@@ -1,9 +1,13 @@
 """Drag a model and draw it with the functions of this folder alone: slowly and exactly.
 
-The lowest 5 % of the object are held.  The dragged vertex goes out within a second and stays there
-for another.  The picture shows the object from the front, along +y.
+The lowest 5 % of the object are held, without gravity; a model unit is a meter.  The dragged vertex
+goes out within a second and stays for another.  The picture shows the front, along +y.
 """
 
+from ..base.children import forget_current_folder
+
+forget_current_folder()  # before anything is imported that could lie there
+# ruff: noqa: E402
 import argparse
 import sys
 from pathlib import Path
@@ -11,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ..base.paths import whole_file
 from ..field import load
 from .image import render_rays
 from .solver import System, edge_constraints, inverse_masses, substep, volume_constraints
@@ -71,15 +76,12 @@ def drag_of(text, rest):
         x, y, z = map(float, numbers.split(","))
     except ValueError:
         raise ValueError(f"--drag is '{text}'; write VERTEX:DX,DY,DZ, as in top:0.1,0,0") from None
-    if not 0 <= vertex < len(rest) or lowest(rest)[vertex]:
-        raise ValueError(f"--drag is '{text}'; vertex {vertex} is held, or there is none")
-    if not np.linalg.norm([x, y, z]) <= 100.0:
-        raise ValueError(f"--drag is '{text}'; go at most 100 model units far")
+    if not 0 <= vertex < len(rest) or lowest(rest)[vertex] or not abs(x) + abs(y) + abs(z) <= 100.0:
+        raise ValueError(f"--drag is '{text}'; name a free vertex that exists, at most 100 units")
     return vertex, np.array([x, y, z])
 
 
 def main(words=None) -> None:
-    """Run the command; an error is one sentence, and exit code 2."""
     parser = argparse.ArgumentParser("python -m deformrf.core.definition", description=__doc__)
     parser.error = lambda message: parser.exit(2, f"{parser.prog}: {message}\n")
     parser.add_argument("model", help="model file, .npz")
@@ -92,11 +94,14 @@ def main(words=None) -> None:
             raise ValueError("write a .png to a folder that exists, with 1 pixel or more a side")
         field = load(given.model).definition
         x = field.rest_vertices
-        if given.drag is not None:
-            x = dragged(field, *drag_of(given.drag, x))
-        Image.fromarray(drawn(field, x, given.size)).save(given.output)
+        x = x if given.drag is None else dragged(field, *drag_of(given.drag, x))
+        picture = Image.fromarray(drawn(field, x, given.size))
+        with whole_file(given.output) as path:
+            picture.save(path)
     except (ValueError, OSError, MemoryError) as error:
-        parser.error(error)
+        parser.error(str(error) or "the memory is too small")
+    except KeyboardInterrupt:
+        parser.exit(130, f"\n{parser.prog}: interrupted\n")
 
 
 if __name__ == "__main__":

@@ -6,8 +6,7 @@
                    and all are divided by their sum
     C              height of y above the triangle [m], which a contact wants to be ≥ 0
     g              (1 − s, s, −b_a, −b_b, −b_c); the gradients of C are g_i n
-    u              Σ g_i Δx_i, the relative motion since the substep's start [m]
-    C'             C − n · u: to first order, the height at the substep's start
+    u, C'          Σ g_i Δx_i, the motion since the substep's start [m], and C − n · u: C there
     D              Σ w_i |g_i| l_i over the five vertices;  w inverse masses [1/kg]
     h, μ           substep [s], Coulomb's coefficient;  N contacts, V vertices
 

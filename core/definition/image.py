@@ -43,7 +43,7 @@ AT_ONCE = 1 << 18  # pieces whose values are computed together: bounds the memor
 
 
 class Pieces(NamedTuple):
-    """Pieces of rays where the masks say occupied, ray by ray."""
+    """Pieces of rays, ray by ray."""
 
     ray: np.ndarray  # [N] int
     tet: np.ndarray  # [N] int

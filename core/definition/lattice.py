@@ -17,12 +17,11 @@ from itertools import product
 
 import numpy as np
 
-PERIOD = 4
+PERIOD, MARGIN = 4, 4
 PERIOD_VERTICES = np.array(
     [[0, 0, 0], [2, 2, 2], [1, 2, 0], [3, 2, 0], [0, 1, 2], [0, 3, 2], [2, 0, 1], [2, 0, 3]]
 )
 SQUARED_EDGES = 4, 5, 6
-MARGIN = 4
 
 
 def period_tets():

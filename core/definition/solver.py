@@ -26,8 +26,6 @@ substep:
     second order.  Its factor 0.07 and the floor 0.05 were measured: below it, stiff bodies tangle.
 3.  Contacts (contact.py).
 4.  v ← (x − x before the substep) / h
-
-(core/deform adds springs for soft handles, a ground, colliders, wind and more.)
 """
 
 from dataclasses import dataclass
@@ -37,9 +35,8 @@ import numpy as np
 
 from .contact import Contacts, push_apart
 
-SWEEP_SOFTENING = 0.5  # of w̄ h²
-SECOND_SOFTENING = 0.07  # of w̄² h⁴ / α
-COMPLIANCE_FLOOR = 0.05  # of w̄
+# What a takes off, and its least, in units of the formula above.
+SWEEP_SOFTENING, SECOND_SOFTENING, COMPLIANCE_FLOOR = 0.5, 0.07, 0.05
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 STEP_LIMIT = 0.5  # of (6 V0)^⅓: how far a volume moves a vertex
 TINY = 1e-200  # in place of a length of 0

@@ -9,7 +9,7 @@ from .train_options import TrainOptions as TrainOptions, preset as preset
 from .trainer import Pause as Pause, Trained as Trained, train as train
 from .run.checkpoint import CheckpointError as CheckpointError, load_checkpoint as load_checkpoint
 from .evaluation import evaluate as evaluate
-from .lpips import LPIPS_SIZE_MIN as LPIPS_SIZE_MIN, Lpips as Lpips
+from .lpips import Lpips as Lpips
 
 # For the commands and the lab.
 from .data.layouts import check_place as check_place, has_cameras as has_cameras
@@ -27,6 +27,7 @@ from .evaluation import (
     output_paths as output_paths,
     write_report as write_report,
 )
+from .lpips import LPIPS_SIZE_MIN as LPIPS_SIZE_MIN
 from .metrics import check_size as check_size
 from .run.checkpoint import is_checkpoint as is_checkpoint
 from .run.distributed import torchrun_workers as torchrun_workers, was_worker as was_worker

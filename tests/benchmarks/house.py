@@ -36,10 +36,11 @@ def words_of(pages) -> int:
 def functions_called():
     """A Counter of (file, qualified name) of this program's functions, filled within the block."""
     calls, tracers = Counter(), (sys.getprofile(), threading.getprofile())
+    folders = tuple(f"{ROOT / room}{os.sep}" for room in ROOMS)
 
     def profile(frame, event, _):
         path = frame.f_code.co_filename
-        if event == "call" and path.startswith(f"{ROOT}{os.sep}"):
+        if event == "call" and path.startswith(folders):
             calls[path, frame.f_code.co_qualname] += 1
 
     threading.setprofile(profile)  # tiles of an image are rendered in threads

@@ -236,6 +236,12 @@ def test_the_viewer_by_python_m_runs_nothing_of_the_current_folder(tmp_path, fla
     assert done.returncode == 0 and not executed(tmp_path), done.stderr + executed(tmp_path)
 
 
+def test_the_definition_by_python_m_runs_nothing_of_the_current_folder(tmp_path):
+    plant(tmp_path, PLANTED)
+    done = run(tmp_path, "-m", "deformrf.core.definition", "--help")
+    assert done.returncode == 0 and not executed(tmp_path), done.stderr + executed(tmp_path)
+
+
 def test_a_command_forgets_the_dot_of_pythonpath(tmp_path, script):
     """Where a script of Python's own has not imported anything from there."""
     plant(tmp_path, ["numpy", "PIL", "tyro", "warp", "rich", "platformdirs", "lazy_loader"])

@@ -54,8 +54,8 @@ def test_pictures_are_written_and_a_drag_changes_them(model, tmp_path, few_subst
         (["MODEL", "-o", "a.png", "--size", "many"], "--size"),
         (["MODEL", "-o", "a.png", "--drag", "top:1,2"], "write VERTEX:DX,DY,DZ"),
         (["MODEL", "-o", "a.png", "--drag", "top:nan,0,0"], "at most 100"),
-        (["MODEL", "-o", "a.png", "--drag", "100000:0,0,0"], "there is none"),
-        (["MODEL", "-o", "a.png", "--drag=-1:0,0,0"], "there is none"),
+        (["MODEL", "-o", "a.png", "--drag", "100000:0,0,0"], "a free vertex that exists"),
+        (["MODEL", "-o", "a.png", "--drag=-1:0,0,0"], "a free vertex that exists"),
     ],
 )
 def test_errors_are_one_sentence(model, tmp_path, monkeypatch, capsys, words, sentence):

@@ -4,15 +4,16 @@ import resource
 import signal
 import struct
 import zipfile
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 import torch
 
 from deformrf.core.geometry import a15_grid
-from deformrf.core.training import CheckpointError, load_checkpoint, preset
+from deformrf.core.training import CheckpointError, TrainOptions, load_checkpoint, preset
 from deformrf.core.training.run.checkpoint import FORMAT, Checkpoint, save_checkpoint
+from deformrf.core.training.run.checkpoint_checks import OPTIONS
 from deformrf.core.training.run.monitoring import MOST_ROWS
 
 
@@ -344,3 +345,9 @@ def test_a_mesh_that_leads_out_of_itself_is_one_sentence(tmp_path):
         torch.save(content | {"mesh": mesh}, path)
         with pytest.raises(CheckpointError, match="no checkpoint of this version"):
             load_checkpoint(path)
+
+
+def test_each_option_is_checked():
+    """By a bound here, or as the box and by TrainOptions itself."""
+    elsewhere = {"aabb", "scene_radius", "leave_out"}
+    assert {f.name for f in fields(TrainOptions)} == {*OPTIONS, *elsewhere}
