@@ -49,21 +49,14 @@ SMALLEST = 1.0e-6  # divisor: an opacity, or the length of a sum of directions
 
 
 @wp.struct
-class NativeBytes:
-    """A ByteTable, whose scales the density network has; no words: `table` is read."""
-
-    words: wp.array(dtype=int)
-    hashed_start: int
-
-
-@wp.struct
 class NativeShading:
     """What a chunk of samples is shaded with."""
 
     rotations: wp.array(dtype=wp.mat33)  # [T] Q
     tables: Tables
     table: wp.array(dtype=wp.vec4)
-    bytes: NativeBytes
+    words: wp.array(dtype=int)  # of a ByteTable, or none: then `table` is read
+    hashed_start: int
     networks: NativeNetworks
     level_count: int
     has_directions: int  # 0: colors do not depend on them
@@ -148,12 +141,12 @@ class CpuShader:
         """Take a Shading on the CPU, whose arrays are read."""
         self._shading, self._field = shading, shading.field
         field = self._field
-        self._bytes, layers = NativeBytes(), field.density_layers
-        self._bytes.words = wp.empty(0, dtype=int, device="cpu")
+        self._words, self._hashed_start = wp.empty(0, dtype=int, device="cpu"), 0
+        layers = field.density_layers
         found = table_in_bytes(field.layout, field.table) if field.entry_bits == 8 else None
         if found:
-            self._bytes.words = wp.array(found.words, dtype=int, device="cpu")
-            self._bytes.hashed_start = found.hashed_start
+            self._words = wp.array(found.words, dtype=int, device="cpu")
+            self._hashed_start = found.hashed_start
             (weights, bias), *others = layers
             layers = (found.scales[:, None] * weights, bias), *others
         self._networks = native_networks(layers, field.color_layers)
@@ -162,7 +155,8 @@ class CpuShader:
         """What one launch needs, with memory of its own."""
         native, exact = NativeShading(), options.conformance
         native.rotations, native.tables = self._shading.rotations, self._shading.tables
-        native.table, native.bytes = self._shading.table, self._bytes
+        native.table, native.words = self._shading.table, self._words
+        native.hashed_start = self._hashed_start
         native.networks = self._networks
         native.level_count = options.level_count or self._field.layout.level_count
         native.has_directions = int(self._field.options.view_dependence)
