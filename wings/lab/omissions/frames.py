@@ -7,13 +7,13 @@ its last images.  Images are compared over all views, over white.
 
 import io
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import cycle
 from types import SimpleNamespace
 
 import numpy as np
 
-from ....core.field import TetField, modelfile, occupied_share
+from ....core.field import TetField, modelfile, multiplies_pairs, occupied_share
 from ....core.field.packing import pack_tables
 from ....core.field.reach import reached_entries
 from ....core.render import Renderer, RenderOptions, default_stop, visible_part
@@ -29,18 +29,18 @@ class ViewSeries:
     """Renders a field at rest from one camera after another."""
 
     def __init__(self, field: TetField, device, cameras, **options):
-        self._renderer = Renderer(field, device)
-        self._renderer.set_vertices(field.mesh.rest_vertices)
+        self.renderer = Renderer(field, device)
+        self.renderer.set_vertices(field.mesh.rest_vertices)
         self._cameras, self._following = cameras, cycle(cameras)
         self._options = RenderOptions(**options)
 
     def turn(self):
         """Render the next view."""
-        self._renderer.render(next(self._following), self._options)
+        self.renderer.render(next(self._following), self._options)
 
     def images(self) -> list:
         """All views: [H, W, 4] uint8 each."""
-        return [self._renderer.render(c, self._options).color_array() for c in self._cameras]
+        return [self.renderer.render(c, self._options).color_array() for c in self._cameras]
 
 
 def frame_switches(field: TetField, device, effort: Effort) -> list[Switch]:
@@ -60,17 +60,9 @@ def frame_switches(field: TetField, device, effort: Effort) -> list[Switch]:
 
         return Switch(name, RENDERING, "ms", why, measure)
 
-    filled = np.where(field.occupancy == 0, field.occupancy, FULL)
-    empty = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
     spent = 100.0 - 100.0 * default_stop(field.options.deferred)
     found = [
-        switch(
-            "samples in empty sub-tets",
-            lambda: series(replace(field, occupancy=filled)),
-            usual,
-            f"{empty:.0f} % of the sub-tets of the tets that rays cross are empty. The density"
-            " there was never trained: it would be seen, and it would end rays early.",
-        ),
+        *_density_switches(field, series, usual, switch),
         switch(
             "samples behind what is opaque",
             lambda: series(termination=0.0),
@@ -96,7 +88,54 @@ def frame_switches(field: TetField, device, effort: Effort) -> list[Switch]:
         dependent = replace(field, options=replace(field.options, view_dependence=True))
         why = "The model was trained without it, and its colors depend on no direction."
         found.append(switch("view dependence", lambda: series(dependent), usual, why))
-    return [*found, _entries(field, series)]
+    return [*found, *_round_switches(device, series, usual, switch), _entries(field, series)]
+
+
+def _density_switches(field, series, usual, switch):
+    """The switches of what has no density."""
+
+    def every_tet():
+        every = series(replace(field, occupancy=np.full_like(field.occupancy, FULL)))
+        every.renderer.set_occupancy(field.occupancy)
+        return every
+
+    filled = np.where(field.occupancy == 0, field.occupancy, FULL)
+    empty_tets = 100.0 * (field.occupancy == 0).mean()
+    empty = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
+    return [
+        switch(
+            "samples in empty sub-tets",
+            lambda: series(replace(field, occupancy=filled)),
+            usual,
+            f"{empty:.0f} % of the sub-tets of the tets that rays cross are empty. The density"
+            " there was never trained: it would be seen, and it would end rays early.",
+        ),
+        switch(
+            "tets without density on a ray's way",
+            every_tet,
+            usual,
+            f"{empty_tets:.0f} % of the tets serve the dynamics alone; they are removed once, when"
+            " a model is loaded.",
+        ),
+    ]
+
+
+def _round_switches(device, series, usual, switch):
+    """The switches of how a device evaluates a round of samples."""
+    on_cpu, found = device == "cpu", []
+    # float32 always runs in rounds that the host waits for, so half precision does here, too.
+    host = cache(lambda: series(path="host"))
+    if not on_cpu:
+        why = "The device knows how many rays go on; an image is one CUDA graph."
+        found.append(switch("rounds that the host waits for", host, usual, why))
+    if not on_cpu or multiplies_pairs():
+        why = (
+            "A processor with bfloat16 multiplies a pair in the time of one float32; on CUDA,"
+            " float16 uses tensor cores and needs no torch."
+        )
+        single = partial(series, single_precision=True)
+        found.append(switch("single precision of networks", single, host, why))
+    return found
 
 
 def _entries(field, series):

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.core.field import modelfile
+from deformrf.core.field import modelfile, multiplies_pairs
 from deformrf.core.render import Renderer
 from deformrf.wings.lab.effort import EFFORTS
 from deformrf.wings.lab.omissions import frames
-from deformrf.wings.lab.omissions.switch import NONE, SAVES, measured
+from deformrf.wings.lab.omissions.switch import NONE, NOT_MEASURED, SAVES, measured
 
 EFFORT = EFFORTS[True, True]._replace(frame_size=24, view_count=2, frame_turns=3)
 ENTRIES = "table entries that no occupied sub-tet reaches"
@@ -64,6 +64,24 @@ def test_view_dependence_is_left_out_where_the_model_has_none(make_ball_field, r
     field = replace(field, color_layers=((weights, bias), *rest), options=options)
     [row] = rows(field, "view dependence")[0]
     assert decibels(row.change) > 60.0
+
+
+def test_tets_without_density_are_crossed_with_the_same_image(make_ball_field, rows):
+    field = make_ball_field(3, occupied_share=0.3, level_count=3)
+    field.occupancy[::2] = 0
+    [row], _ = rows(field, "tets without")
+    assert row.why.startswith("5") and decibels(row.change) > 60.0
+
+
+def test_precision_and_rounds_are_rows_where_the_device_has_a_choice(ball, rows, device):
+    found, _ = rows(ball, "single precision", "rounds that the host")
+    on_cuda = ["rounds that the host waits for"] if device != "cpu" else []
+    half = device != "cpu" or multiplies_pairs()
+    assert [row.name for row in found] == half * ["single precision of networks"] + on_cuda
+    for row in found:
+        assert row.verdict != NOT_MEASURED and decibels(row.change) > 45.0
+    if half:
+        assert found[0].change != NONE
 
 
 @pytest.mark.parametrize("entry_bits", [8, 16])
