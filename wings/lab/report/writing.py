@@ -27,7 +27,7 @@ from . import markdown
 from .contents import Report, Table, record
 
 FORMAT = "deformrf-report"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 TEMPLATE = Path(__file__).with_name("page.html")
 
 

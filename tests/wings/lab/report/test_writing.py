@@ -152,7 +152,7 @@ def test_json_has_all_values(folder):
         "files",
     ]
     assert set(values["files"]) == {path.name for path in folder.iterdir()}
-    assert values["format"] == "deformrf-report" and values["format_version"] == 1
+    assert values["format"] == "deformrf-report" and values["format_version"] == 2
     assert values["program_version"] == program_version() and values["complete"] is True
     assert values["facts"] == {"model": "ball", "command": f"x {ODD}"}
     assert list(values["sections"]) == ["first", "second"]
