@@ -2,7 +2,7 @@
 
 A user who quits is asked about what would be lost: a film that is being rendered, training that
 the viewer began, work that no file has.  Asking again answers nothing.  Signals can't ask: they
-keep the session for another start (command.py).
+keep the session for another start (commands/view.py).
 """
 
 from dataclasses import dataclass, field

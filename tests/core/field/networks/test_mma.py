@@ -69,7 +69,7 @@ def test_values_are_those_of_numpy(make_ball_field, level_count, count):
         field.density_layers,
         field.color_layers,
     )
-    # float16 weights and hidden layers, as in test_networks_triton.py.
+    # float16 weights and hidden layers, as in test_triton.py.
     logs = np.log(sigma.numpy()[:count]), np.log(expected_sigma[:count])
     np.testing.assert_allclose(*logs, atol=3e-2)
     np.testing.assert_allclose(rgb.numpy()[:count], expected_rgb[:count], atol=2e-2)
