@@ -8,7 +8,7 @@ from itertools import pairwise
 from .device import thread_count
 
 
-def parts_of(count: int, least: int) -> list[tuple[int, int]]:
+def shares_of(count: int, least: int) -> list[tuple[int, int]]:
     """First and last + 1 of the share of `count` things that each thread has.
 
     There are fewer shares where one would have fewer than `least` things.
@@ -33,12 +33,12 @@ def side_by_side(tasks: list[Callable]) -> list:
     return [mine, *(future.result() for future in running)]
 
 
-def counted(parts: list[tuple]):
+def counted(launches: list[tuple]):
     """Run wp.Launches side by side, each with the array that it counts in; the sum of these."""
-    for _, counts in parts:
+    for _, counts in launches:
         counts[:] = 0
-    side_by_side([launch.launch for launch, _ in parts])
-    return sum(counts for _, counts in parts)
+    side_by_side([launch.launch for launch, _ in launches])
+    return sum(counts for _, counts in launches)
 
 
 @cache

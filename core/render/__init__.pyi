@@ -11,7 +11,7 @@ from .rays.camera import (
 )
 from .rays.lens import Lens as Lens, distort as distort, has_rays as has_rays, pinhole as pinhole
 from .preview import preview as preview
-from .visible import visible_part as visible_part
+from .visible import visible_field as visible_field
 
 # For the rooms next door.
 from .render_options import default_stop as default_stop

@@ -122,10 +122,10 @@ def color_rays(colors, view_dependence: bool, ids, pixels: Pixels):
         colors: colors(h [n, 16], basis [n]) -> rgb [n].
     """
     for first in range(0, len(ids), AT_ONCE):
-        part = ids[first : min(first + AT_ONCE, len(ids))]  # Warp takes no slice beyond the end
-        count, device = len(part), ids.device
+        some = ids[first : min(first + AT_ONCE, len(ids))]  # Warp takes no slice beyond the end
+        count, device = len(some), ids.device
         h = wp.empty((count, GEOMETRY_FEATURES), dtype=float, device=device)
         basis = wp.empty(count, dtype=basis_vector, device=device)
-        inputs = [pixels, part, int(view_dependence)]
+        inputs = [pixels, some, int(view_dependence)]
         wp.launch(means_kernel, count, inputs, [h, basis], device=device)
-        wp.launch(put_colors_kernel, count, [part, colors(h, basis)], [pixels], device=device)
+        wp.launch(put_colors_kernel, count, [some, colors(h, basis)], [pixels], device=device)

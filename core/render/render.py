@@ -33,14 +33,14 @@ from .rounds.compositing import empty_pixels, resolve
 from .rounds.host import HostRounds
 from .shading import Shading
 from .stage_timer import StageTimer
-from .visible import visible_part
+from .visible import visible_field
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
 CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
 LEAST_TILE_WORK = 1.0e5  # a tile costs a millisecond besides its work
 CPU_TILE_RAYS = 1 << 16  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
-WAVEFRONT_PIXELS = 1 << 16  # a wavefront has room for a multiple of these
+WAVEFRONT_PIXELS = 1 << 16  # a wavefront holds a multiple of these
 
 wp.set_module_options({"enable_backward": False})
 
@@ -68,8 +68,8 @@ class Renderer:
     """Renders one field in a pose that changes: `set_vertices`, then `render`.
 
     Attributes:
-        part: The visible part of the field: fewer tets, in another order.
-        pose, shading: Pose and shading of that part.
+        shown: The field without its empty tets: fewer tets, in another order.
+        pose, shading: Pose and shading of those tets.
         overlap: `overlap.exists()` says whether the pose overlaps itself.
         stage: Times the stages while `stage.seconds` is a dict; then each image is waited for, and
             no stage runs beside another.  Where an overlap begins, two images count as one.
@@ -81,12 +81,12 @@ class Renderer:
         self.field = field
         self.device = wp.get_device(device)
         self.stage = StageTimer(self.device)
-        self.part, tet_ids = visible_part(field)
-        self._part_ids = tet_ids  # on the host
+        self.shown, tet_ids = visible_field(field)
+        self._shown_ids = tet_ids  # on the host
         self._tet_ids = wp.array(tet_ids, dtype=int, device=self.device)
-        mesh, neighbours = self.part.mesh, self.part.neighbours
+        mesh, neighbours = self.shown.mesh, self.shown.neighbours
         self.pose = Pose(mesh, neighbours, self.device)
-        self.shading = Shading(self.part, self.pose.geometry.rotations, self.device)
+        self.shading = Shading(self.shown, self.pose.geometry.rotations, self.device)
         self._fill_geometry()
         self.overlap = Overlap(mesh, neighbours, self.pose)
         self.merger = PieceMerger(self.pose, self.shading)
@@ -97,7 +97,7 @@ class Renderer:
     def _fill_geometry(self):
         """Say where there can be density, and how long pieces are."""
         geometry = self.pose.geometry
-        geometry.occupancy = wp.array(self.part.occupancy, dtype=wp.uint64, device=self.device)
+        geometry.occupancy = wp.array(self.shown.occupancy, dtype=wp.uint64, device=self.device)
         geometry.step = self.field.options.march_step
         if self.device.is_cpu:
             geometry.densities = self.shading.densities
@@ -110,7 +110,7 @@ class Renderer:
 
     def set_occupancy(self, occupancy: np.ndarray) -> None:
         """Take other masks, of sub-tets that the field's own masks have, too.  [T] uint64"""
-        self.pose.geometry.occupancy.assign(occupancy[self._part_ids])
+        self.pose.geometry.occupancy.assign(occupancy[self._shown_ids])
 
     def render(
         self,
@@ -209,8 +209,8 @@ class Renderer:
         ball = ball if is_far(camera.position, ball) else None
 
         def render_tile(span):
-            part = slice(*(pixel - first_pixel for pixel in span))
-            tile = {name: array[part] for name, array in arrays.items()}
+            pixels = slice(*(end - first_pixel for end in span))
+            tile = {name: array[pixels] for name, array in arrays.items()}
             return self._render_tile(camera, options, span[0], tile, faces, ball)
 
         if self.device.is_cuda:
@@ -291,7 +291,7 @@ class Renderer:
         return image
 
     def _wavefront_for(self, count):
-        """A wavefront with room for that many pixels: the last one, if it is large enough."""
+        """A wavefront that holds that many pixels: the last one, if it is large enough."""
         from .overlap.window_slots import WindowSlots
         from .rounds.wavefront import Wavefront  # kernels that only CUDA needs
 

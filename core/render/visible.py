@@ -1,4 +1,4 @@
-"""The visible part of a field: the tets that have an occupied sub-tet.
+"""A field without its empty tets: those that have no occupied sub-tet.
 
 Tets without density give the object its solid interior in the dynamics, but rays would only lose
 time in them.  Without them a ray enters the mesh where the density begins and leaves it where the
@@ -18,10 +18,10 @@ from ..field import TetField
 from ..geometry import morton_order
 
 
-def visible_part(field: TetField) -> tuple[TetField, np.ndarray]:
+def visible_field(field: TetField) -> tuple[TetField, np.ndarray]:
     """The field without its empty tets, and the old id of each of its tets [K] int32.
 
-    One tet stays if all are empty.  All vertices stay, so that poses of the field fit the part.
+    One tet stays if all are empty.  All vertices stay, so that poses of the field fit it.
     """
     mesh = field.mesh
     seen = field.occupancy != 0
@@ -34,11 +34,11 @@ def visible_part(field: TetField) -> tuple[TetField, np.ndarray]:
     new_ids = np.full(mesh.tet_count + 1, -1, np.int32)  # the last one is for -1, outside
     new_ids[ids] = np.arange(len(ids), dtype=np.int32)
     layout = replace(field.layout, node_ids=tuple(nodes[ids] for nodes in field.layout.node_ids))
-    part = replace(
+    visible = replace(
         field,
         mesh=replace(mesh, tets=mesh.tets[ids]),
         neighbours=new_ids[field.neighbours[ids]],
         occupancy=field.occupancy[ids],
         layout=layout,
     )
-    return part, ids.astype(np.int32)
+    return visible, ids.astype(np.int32)

@@ -79,7 +79,7 @@ from deformrf.core.render import (
     preview,
     render_mode,
     view_projection,
-    visible_part,
+    visible_field,
 )
 from deformrf.core.training import (
     CheckpointError,
@@ -184,8 +184,8 @@ def drag(field: TetField) -> np.ndarray:
 
 
 def draw(field: TetField, vertices: np.ndarray) -> np.ndarray:
-    part, tet_ids = visible_part(field)
-    renderer = Renderer(part, device="cpu")
+    visible, tet_ids = visible_field(field)
+    renderer = Renderer(visible, device="cpu")
     renderer.set_vertices(vertices)
     camera: Camera = from_field_of_view(look_at((2, 2, 1), (0.5, 0.5, 0.5)), 0.7, 64, 48)
     options = RenderOptions(background=(0.0, 0.0, 0.0), conformance=True)

@@ -214,11 +214,11 @@ class _InFile:
     def __len__(self):
         return self._length
 
-    def __getitem__(self, part: slice) -> bytes:
+    def __getitem__(self, span: slice) -> bytes:
         with open(self._path, "rb") as stream:
-            stream.seek(self._first + part.start)
-            data = stream.read(part.stop - part.start)
-        check(len(data) == part.stop - part.start, "it changed while it was read")
+            stream.seek(self._first + span.start)
+            data = stream.read(span.stop - span.start)
+        check(len(data) == span.stop - span.start, "it changed while it was read")
         return data
 
 

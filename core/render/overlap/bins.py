@@ -45,7 +45,7 @@ class Bins:
     """The tets of each bin of an image."""
 
     layout: wp.array(dtype=int)  # [5] see above; in memory, so that recorded launches follow it
-    tets: wp.array(dtype=int)  # [2 T] in order of `nears`; the second half is room for the sort
+    tets: wp.array(dtype=int)  # [2 T] in order of `nears`; the second half is for the sort
     nears: wp.array(dtype=float)  # [2 T] the least t of any ray that meets the tet
     outlines: wp.array(dtype=wp.vec4)  # [T] bounds x, y, X, Y of each tet
     corners: wp.array(dtype=wp.vec2)  # [4 T] in the image

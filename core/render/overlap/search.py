@@ -21,7 +21,7 @@ import numpy as np
 import warp as wp
 
 from ...base.recorded import Recorded
-from ...base.threads import counted, parts_of
+from ...base.threads import counted, shares_of
 from ...geometry import TetMesh, edges, face_components
 from ..rays.entries import crossing_of
 from ..rays.marching import Rays
@@ -71,7 +71,7 @@ class Overlap:
         self._stream = wp.Stream(pose.device) if pose.device.is_cuda else None
         self._counted = wp.Event(pose.device) if pose.device.is_cuda else None
         self._searching = Recorded(pose.device)
-        self._parts = None  # on a CPU: launches, each with what it counts
+        self._launches = None  # on a CPU: each with what it counts
 
     @property
     def expected(self) -> bool:
@@ -115,8 +115,8 @@ class Overlap:
 
     def _launch_search(self):
         if self._pose.device.is_cpu:
-            self._parts = self._parts or self._parts_for_threads()
-            found = counted(self._parts)
+            self._launches = self._launches or self._launches_for_threads()
+            found = counted(self._launches)
             self.counts.assign(found)
             self._host_counts.assign(found)
             return
@@ -129,18 +129,18 @@ class Overlap:
         wp.launch(search_kernel, threads, inputs, outputs, **where)
         wp.copy(self._host_counts, self.counts)
 
-    def _parts_for_threads(self):
+    def _launches_for_threads(self):
         """A launch for some edges in each thread, with its counts; the first has the tets, too."""
         geometry, ids = self._pose.geometry, self.tangled.ids
-        tet_count, part_tets, parts = len(self._pose.tets), self._part_tets, []
-        for first, end in parts_of(len(self._edges), EDGES_PER_THREAD):
+        tet_count, part_tets, launches = len(self._pose.tets), self._part_tets, []
+        for first, end in shares_of(len(self._edges), EDGES_PER_THREAD):
             counts = wp.zeros(2, dtype=int, device="cpu")
             threads = tet_count + end - first + len(part_tets)
             arrays = [geometry, tet_count, self._edges[first:end], part_tets], [counts, ids]
             where = {"device": "cpu", "block_dim": BLOCK_SIZE, "record_cmd": True}
-            parts.append((wp.launch(search_kernel, threads, *arrays, **where), counts.numpy()))
+            launches.append((wp.launch(search_kernel, threads, *arrays, **where), counts.numpy()))
             tet_count, part_tets = 0, wp.empty(0, dtype=wp.vec4i, device="cpu")
-        return parts
+        return launches
 
     def prepare(self) -> None:
         """Make what `sort_rays` needs in the present pose."""

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from ...base.recorded import Recorded
-from ...base.threads import counted, parts_of
+from ...base.threads import counted, shares_of
 from ...geometry import TetMesh, boundary_faces
 
 # Rounding may move a face across a ray's t: queries look this far around t, boxes are this
@@ -27,7 +27,7 @@ TETS_PER_THREAD = 1000  # of a CPU, at least: 0.3 ms
 FITTED_TREE = "sah"  # the host builds it once; rays find their way faster than in a GPU's own
 FADED = wp.constant(1.0e-3)  # σ_min/σ_max where a tet has faded out
 # Newton's iteration for the polar factor: 6 steps take any stretches with σ_min/σ_max >= FADED
-# to 1e-10, by tests/test_pose.py.
+# to 1e-10; tests/core/render/rays/test_traversal.py holds rotations to 0.02 degrees.
 POLAR_STEPS = 6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
@@ -259,7 +259,7 @@ class Pose:
             geometry.rotations = wp.empty(mesh.tet_count, dtype=wp.mat33)
             geometry.mirrored_count = wp.zeros(1, dtype=int)
         self._following, self._fitting = Recorded(self.device), Recorded(self.device)
-        self._frame_parts = None  # on a CPU: launches, each with what it adds to mirrored_count
+        self._frame_launches = None  # on a CPU: each with what it adds to mirrored_count
         self.set_vertices(self.vertices)
 
     def set_vertices(self, vertices: np.ndarray | wp.array) -> None:
@@ -293,25 +293,25 @@ class Pose:
 
     def _fit_frames_on_cpu(self):
         """Launch for some tets in each thread."""
-        if self._frame_parts is None:
-            parts = []
-            for first, end in parts_of(len(self.tets), TETS_PER_THREAD):
+        if self._frame_launches is None:
+            launches = []
+            for first, end in shares_of(len(self.tets), TETS_PER_THREAD):
                 mirrored = wp.zeros(1, dtype=int, device="cpu")
                 arrays = self._frame_arrays(first, end, mirrored)
                 launch = wp.launch(
                     tet_frames_kernel, end - first, *arrays, device="cpu", record_cmd=True
                 )
-                parts.append((launch, mirrored.numpy()))
-            self._frame_parts = parts
-        self.geometry.mirrored_count.numpy()[:] = counted(self._frame_parts)
+                launches.append((launch, mirrored.numpy()))
+            self._frame_launches = launches
+        self.geometry.mirrored_count.numpy()[:] = counted(self._frame_launches)
 
     def _frame_arrays(self, first, end, mirrored_count):
         """Inputs and outputs of tet_frames_kernel for some tets."""
-        geometry, part = self.geometry, slice(first, end)
-        inputs = [self.tets[part], self.vertices]
-        inputs += [self._rest_edges[part], self._rest_edges_inverse[part]]
+        geometry, span = self.geometry, slice(first, end)
+        inputs = [self.tets[span], self.vertices]
+        inputs += [self._rest_edges[span], self._rest_edges_inverse[span]]
         frames = [geometry.rows[3 * first : 3 * end], geometry.shapes[2 * first : 2 * end]]
-        return inputs, [*frames, geometry.rotations[part], mirrored_count]
+        return inputs, [*frames, geometry.rotations[span], mirrored_count]
 
     def refresh_face_boxes(self) -> None:
         """Bring the BVH `geometry.face_boxes` up to date; only some paths of rendering need it."""

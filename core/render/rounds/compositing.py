@@ -128,7 +128,7 @@ def to_bytes(color: wp.vec3, opacity: float):
 
 
 def resolve(pixels: Pixels, background, color, depth, ids=None) -> None:
-    """Write color and depth of the rays `ids`, by default of all that `color` has room for."""
+    """Write color and depth of the rays `ids`, by default of all that `color` holds."""
     count = len(color if ids is None else ids)
     if ids is None:
         ids = wp.empty(0, dtype=int, device=color.device)

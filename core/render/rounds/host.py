@@ -42,15 +42,15 @@ class HostRounds:
         while len(alive):
             slot_count = by_round[min(round_, len(by_round) - 1)]
             left = []
-            for part in self._parts(alive, slot_count):
+            for some in self._some_at_a_time(alive, slot_count):
                 with stage("march"):
-                    slots, counts = self._march(rays, part, slot_count, pixels, options)
-                still, count = self._shade(rays, part, slots, counts, pixels, options, stage)
+                    slots, counts = self._march(rays, some, slot_count, pixels, options)
+                still, count = self._shade(rays, some, slots, counts, pixels, options, stage)
                 left.append(still)
                 sample_count += count
             alive = left[0]
             if len(left) > 1:
-                ids = np.concatenate([part.numpy() for part in left])
+                ids = np.concatenate([still.numpy() for still in left])
                 alive = wp.array(ids, dtype=int, device="cpu")
             round_ += 1
         if not self._on_cpu:
@@ -58,7 +58,7 @@ class HostRounds:
                 self._shading.finish(all_rays, pixels, options)
         return sample_count
 
-    def _parts(self, alive, slot_count):
+    def _some_at_a_time(self, alive, slot_count):
         """Some of the rays at a time, on a CPU: their slots have to fit into memory."""
         count = len(alive)  # Warp takes no slice beyond the end
         most = CPU_SLOTS // slot_count if self._on_cpu else count
@@ -103,7 +103,7 @@ def packed(slots, counts, ids) -> RaySamples:
 
 
 def empty_found(ids, counts) -> RaySamples:
-    """Room for as many samples of the rays `ids` as `counts` says; waits for the device."""
+    """Memory for as many samples of the rays `ids` as `counts` says; waits for the device."""
     found = RaySamples()
     found.ids, found.counts = ids, counts
     found.ends = wp.empty(len(ids), dtype=int, device=ids.device)

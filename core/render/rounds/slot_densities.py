@@ -11,7 +11,7 @@ from ...field import Tables, any_of_warp, density_of_rows, encoded_half, put_fea
 from ...geometry import lattice_point
 from .slots import BLOCK_SIZE, STRIDE, TOTAL, Buffers
 
-BLOCKS_PER_PROCESSOR = 7  # the registers have room for no more
+BLOCKS_PER_PROCESSOR = 7  # the registers suffice for no more
 
 wp.set_module_options(
     {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}

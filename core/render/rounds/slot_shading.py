@@ -34,7 +34,7 @@ from .slots import (
     list_ray,
 )
 
-BLOCKS_PER_PROCESSOR = 5  # the registers have room for no more
+BLOCKS_PER_PROCESSOR = 5  # the registers suffice for no more
 WARP = wp.constant(32)
 
 wp.set_module_options(

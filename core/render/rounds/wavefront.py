@@ -42,7 +42,7 @@ from ..shading import Shading
 from . import ray_color, slot_march, slots
 from .tiles import pixel_threads
 
-SLOTS_PER_PIXEL = 4.0  # rays for which there is no room wait for the next round
+SLOTS_PER_PIXEL = 4.0  # rays that get none wait for the next round
 FIRST_ROUNDS = 4  # until it is known how many an image needs
 REMEMBERED_IMAGES = 8  # the next one is expected to need as many rounds as the most of these
 MOST_MORE_ROUNDS = 8  # before the host looks again
@@ -51,7 +51,7 @@ DEVICE_CAMERA_BYTES = wp.types.type_size_in_bytes(DeviceCamera)
 LEAST_SLOTS_IN_ALL = 1 << 19  # a round of fewer takes as long
 MOST_BYTES = 640e6  # of slots
 RAY_COLOR_BYTES, SAMPLE_COLOR_BYTES = 76, 148  # of a slot, about, with those of WindowSlots
-SLOT_MULTIPLE = 4096  # so that some rays have room in any case
+SLOT_MULTIPLE = 4096  # so that some rays get slots in any case
 
 
 @dataclass(frozen=True, eq=False)

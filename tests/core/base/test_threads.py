@@ -1,4 +1,4 @@
-"""Work that threads share: parts, order of results, errors; and a pose in parts."""
+"""Work that threads share: shares, order of results, errors; and a pose in shares."""
 
 import threading
 import time
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.base import threads
-from deformrf.core.base.threads import parts_of, side_by_side
+from deformrf.core.base.threads import shares_of, side_by_side
 from deformrf.core.render import Pose
 from deformrf.core.render.overlap import search
 from deformrf.core.render.overlap.search import Overlap
@@ -19,12 +19,12 @@ from deformrf.core.render.rays import pose as poses
 @pytest.mark.parametrize(
     "count, least", [(0, 1), (1, 1), (7, 2), (499, 500), (500, 500), (1000, 3)]
 )
-def test_parts_hold_everything_once(monkeypatch, cores, count, least):
+def test_shares_hold_everything_once(monkeypatch, cores, count, least):
     monkeypatch.setattr(threads, "thread_count", lambda: cores)
-    parts = parts_of(count, least)
-    assert [n for first, end in parts for n in range(first, end)] == list(range(count))
-    assert len(parts) == max(min(cores, count // least), 1)
-    assert len(parts) == 1 or min(end - first for first, end in parts) >= least
+    shares = shares_of(count, least)
+    assert [n for first, end in shares for n in range(first, end)] == list(range(count))
+    assert len(shares) == max(min(cores, count // least), 1)
+    assert len(shares) == 1 or min(end - first for first, end in shares) >= least
 
 
 def test_tasks_run_side_by_side_and_keep_their_order():
@@ -54,7 +54,7 @@ def test_an_error_comes_when_all_have_ended(failing):
     assert ended == [number for number in range(3) if number != failing]
 
 
-def test_a_pose_is_the_same_in_parts(make_ball_field, monkeypatch):
+def test_a_pose_is_the_same_in_shares(make_ball_field, monkeypatch):
     """Frames of tets, how many are mirrored, and what the search for overlap counts."""
     rng = np.random.default_rng()
     field = make_ball_field(int(rng.integers(1000)), gap=0.1)
@@ -70,13 +70,13 @@ def test_a_pose_is_the_same_in_parts(make_ball_field, monkeypatch):
         for vertices, tangled in ((rest, False), (shaken, True), (rest, False)):
             pose.set_vertices(vertices)
             assert overlap.exists() == tangled
-            assert len(pose._frame_parts) == len(overlap._parts) == cores
+            assert len(pose._frame_launches) == len(overlap._launches) == cores
             tets, crossings = overlap.counts.numpy()
             assert (tets > 0) == (crossings > 0) == tangled
             arrays = pose.geometry.rows, pose.geometry.shapes, pose.geometry.rotations
             found.append([a.numpy().copy() for a in arrays])
             found[-1] += [pose.geometry.mirrored_count.numpy().copy(), tets]
             found[-1].append(np.sort(overlap.tangled.ids.numpy()[:tets]))
-    for one, parts in zip(found[:3], found[3:], strict=True):
-        for a, b in zip(one, parts, strict=True):
+    for one, shares in zip(found[:3], found[3:], strict=True):
+        for a, b in zip(one, shares, strict=True):
             np.testing.assert_array_equal(a, b)

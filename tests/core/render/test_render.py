@@ -250,7 +250,7 @@ def test_all_paths_and_precisions_show_the_same_image(make_ball_field, device, m
     merged = image(RenderOptions(conformance=True, path="merge"))
     with monkeypatch.context() as with_empty_tets:
         every = np.arange(field.mesh.tet_count)
-        with_empty_tets.setattr(render, "visible_part", lambda field: (field, every))
+        with_empty_tets.setattr(render, "visible_field", lambda field: (field, every))
         whole = image(RenderOptions(conformance=True))
     for other in (merged, whole):
         assert np.abs(other - exact).max() <= 2

@@ -16,7 +16,7 @@ import numpy as np
 from ....core.field import TetField, modelfile, multiplies_pairs, occupied_share
 from ....core.field.packing import pack_tables
 from ....core.field.reach import reached_entries
-from ....core.render import Renderer, RenderOptions, default_stop, visible_part
+from ....core.render import Renderer, RenderOptions, default_stop, visible_field
 from ..effort import Effort
 from ..rendering.pictures import views
 from ..stopwatch import compared, in_turns
@@ -101,7 +101,7 @@ def _density_switches(field, series, usual, switch):
 
     filled = np.where(field.occupancy == 0, field.occupancy, FULL)
     empty_tets = 100.0 * (field.occupancy == 0).mean()
-    empty = 100.0 * (1.0 - occupied_share(visible_part(field)[0].occupancy))
+    empty = 100.0 * (1.0 - occupied_share(visible_field(field)[0].occupancy))
     return [
         switch(
             "samples in empty sub-tets",

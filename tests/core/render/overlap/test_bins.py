@@ -83,7 +83,7 @@ def test_a_bin_has_all_tets_that_its_rays_meet(
     renderer.set_vertices(vertices)
     renderer.render(camera, OPTIONS)
     bins = renderer._windows._bins.bins
-    tets, tet_count = bins.tets.numpy(), renderer.part.mesh.tet_count
+    tets, tet_count = bins.tets.numpy(), renderer.shown.mesh.tet_count
     order, nears = tets[:tet_count], bins.nears.numpy()[:tet_count]
     width, _, edge, across, bin_count = bins.layout.numpy()
     words = bins.bits.numpy()[: len(bins.solid) * bin_count].reshape(-1, bin_count)
@@ -93,7 +93,7 @@ def test_a_bin_has_all_tets_that_its_rays_meet(
     assert sorted(order) == list(range(tet_count)) and (np.diff(nears) >= 0.0).all()
     rays, count = renderer._wavefront.buffers.rays, camera.width * camera.height
     origins, directions = (a.numpy()[:count] for a in (rays.origins, rays.directions))
-    t_in, t_out = met(vertices, renderer.part.mesh.tets[order], origins, directions)
+    t_in, t_out = met(vertices, renderer.shown.mesh.tets[order], origins, directions)
     scale = 1.0 + np.abs(camera.position).max()
     meets = t_out - t_in > 1e-5 * scale
     pixels = np.arange(len(origins))

@@ -62,21 +62,21 @@ def round_of(make_ball_field):
 
 def composited(renderer, rays, slots, counts, level_count=None):
     """The float64 definition of a round: color, opacity, depth."""
-    part = renderer.part
+    shown = renderer.shown
     taken = (np.arange(SLOTS) < counts[:, None]).ravel()
     tet, bary = slots.tet.numpy()[taken], slots.bary.numpy()[taken].astype(float)
-    encoding = part.definition.encoding
+    encoding = shown.definition.encoding
     encoding = replace(encoding, tables=encoding.tables[:level_count])
     features = encode(encoding, tet, bary)
-    features = np.pad(features, ((0, 0), (0, 4 * part.layout.level_count - features.shape[1])))
+    features = np.pad(features, ((0, 0), (0, 4 * shown.layout.level_count - features.shape[1])))
     directions = np.repeat(rays.directions.numpy(), counts, axis=0)
-    if not part.options.view_dependence:
+    if not shown.options.view_dependence:
         basis = spherical_harmonics(directions) * (np.arange(16) == 0)
     else:
         turned = np.einsum("nji,nj->ni", renderer.shading.rotations.numpy()[tet], directions)
         basis = spherical_harmonics(turned.astype(float))
     layers = (
-        [(w.astype(float), b) for w, b in n] for n in (part.density_layers, part.color_layers)
+        [(w.astype(float), b) for w, b in n] for n in (shown.density_layers, shown.color_layers)
     )
     sigma, rgb = evaluate(features, basis, *layers)
     lengths, t = slots.length.numpy()[taken], slots.t.numpy()[taken]
@@ -101,7 +101,7 @@ def random_samples(field, count=RAYS + 31):
     rays.directions.assign(directions.astype(np.float32))
     ids = rng.permutation(RAYS)[: RAYS // 2]
     counts = rng.multinomial(count, np.full(len(ids), 1 / len(ids)))
-    tets = rng.integers(0, len(renderer.part.mesh.tets), count)
+    tets = rng.integers(0, len(renderer.shown.mesh.tets), count)
     bary = rng.dirichlet(np.ones(4), count).astype(np.float32)
     found.ids, found.counts, found.ends = (
         wp.array(a, dtype=int, device="cpu") for a in (ids, counts, np.cumsum(counts))
@@ -109,7 +109,7 @@ def random_samples(field, count=RAYS + 31):
     found.samples = empty_samples(count, "cpu")
     found.samples.tet.assign(tets.astype(np.int32))
     found.samples.bary.assign(bary)
-    features = encode(renderer.part.definition.encoding, tets, bary.astype(float))
+    features = encode(renderer.shown.definition.encoding, tets, bary.astype(float))
     turned = np.einsum(
         "nji,nj->ni", renderer.shading.rotations.numpy()[tets], directions[np.repeat(ids, counts)]
     )
@@ -303,10 +303,10 @@ def test_what_is_expected_changes_no_pixel(make_ball_field, expected):
 
 def test_expected_densities_are_those_of_sub_tets_middles(make_ball_field):
     renderer = Renderer(make_ball_field(3), "cpu")
-    part = renderer.part
-    tets, subtets = np.nonzero(unpack_mask(part.occupancy))
+    shown = renderer.shown
+    tets, subtets = np.nonzero(unpack_mask(shown.occupancy))
     middles = subtet_corners().mean(axis=1)[subtets]
-    expected = sigma_from(geometry(part.definition, tets, middles))
+    expected = sigma_from(geometry(shown.definition, tets, middles))
     found = renderer.shading.densities.numpy().reshape(-1, 64)
     np.testing.assert_allclose(found[tets, subtets], expected, rtol=2e-4)
-    assert len(tets) and (found[unpack_mask(part.occupancy) == 0] == 0.0).all()
+    assert len(tets) and (found[unpack_mask(shown.occupancy) == 0] == 0.0).all()
