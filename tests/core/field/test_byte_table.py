@@ -66,7 +66,7 @@ def test_images_are_the_same_from_bytes_and_from_floats(
     images = []
     for stored_bits in (8, None):
         renderer = Renderer(replace(field, entry_bits=stored_bits), "cpu")
-        assert (len(renderer.shading.on_cpu._bytes.words) > 0) == (stored_bits == 8)
+        assert (len(renderer.shading.on_cpu._words) > 0) == (stored_bits == 8)
         renderer.set_vertices(vertices)
         assert renderer.overlap.exists() == (fold > 0.0)
         images.append(renderer.render(camera, options).color_array().astype(int))
