@@ -5,12 +5,12 @@ keeps its volume, the body can hardly do anything but bend, and is much too stif
 mesh locks.  Also, projecting all tets would take two thirds of a substep.  So only eight of a
 cell's 46 tets have a bulk modulus, and each of them stands for the volumes of its neighbors, too.
 
-Around (0, 0, 0) and (2, 2, 2) of each cell, a tet with the edges L² = 5, 5, 5, 6, 6, 6 lies in
-each octant.  The four in the octants with x y z > 0 are chosen.
+Around the points (0, 0, 0) and (2, 2, 2) of each cell, a tet with the squared edge lengths 5, 5, 5,
+6, 6, 6 lies in each octant.  At each point, the four in the octants with x y z > 0 are chosen.
 
 In the infinite lattice this does not change the solid.  The eight tets have 3/16 of the cell's
-volume and the weight 16/3, so the bulk modulus is K, and a strain that keeps the volume stores no
-more energy.  No vertex moves from its place in the cell, because the pressures around it balance.
+volume and the weight 16/3, so the bulk modulus is K; a strain that keeps the volume stores no
+extra energy.  No vertex moves from its place in the cell: the pressures around it balance.
 A tet at the mesh's boundary may have no chosen neighbor; it keeps its own K.
 
 In parts with an inverted tet, all tets keep their volume for a while (inversion.py).

@@ -1,8 +1,8 @@
 """The surface of a mesh for contact: its faces, sample points on it, and each tet's nearest faces.
 
-A sample lies on an edge: (1 − share) x_p + share x_q.  Samples are the surface's vertices
-(p = q, share 0) and the midpoints of its edges, because vertices alone would let coarse tets
-pass through between them.
+A sample is the point (1 − share) x_p + share x_q.  Samples are the surface's vertices (p = q,
+share 0) and the midpoints of its edges.  If only vertices were samples, coarse tets could pass
+between them.
 
 Shapes: V vertices, T tets, F faces, S samples, G clusters, L leaves.
 """

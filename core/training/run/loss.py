@@ -4,11 +4,11 @@ If surroundings are trained, `surrounded_cost` takes the place of the distortion
 photographs differ in exposure, each has a color map (exposure.py), which is applied to the model's
 colors before they are compared; the maps have a cost, too.
 
-Excess: an object of one color drives a wide network to logits beyond ±8 in the first steps, and no
-error would move its colors again.  Every color that 8 bits can tell from 0 and 1 lies within ±8.
+Excess: an object of one color drives a wide network to logits beyond ±8 in the first steps; there,
+no error changes its colors again.  Every color that 8 bits can tell from 0 and 1 lies within ±8.
 Colors of samples and of surroundings have no such cost, because their networks are narrow.
 
-Table decay reduces noise: fine levels explain differences between photographs that are no
+Table decay reduces noise: fine levels also fit differences between photographs that are not
 texture.  If photographs have more than twice as many numbers as there are features, noise matters
 little, and the term would only cost detail: `needed_decay`.  Only the gradient of this term is
 computed: `add_table_decay`.
