@@ -1,1 +1,1 @@
-"""The method and what carries it: geometry, field, rendering, dynamics, training."""
+"""The method: geometry, field, rendering, dynamics, training, and modules that all of these use."""

@@ -1,4 +1,4 @@
-"""How much main memory is free; a context without garbage collection."""
+"""How much main memory is free; a context manager that turns garbage collection off."""
 
 import gc
 from contextlib import contextmanager

@@ -1,8 +1,8 @@
-"""What a value or an array of a file has to be, compared with what it is before it is used.
+"""Checks of the values and arrays of a file, which run before these are used.
 
-A check of a value says whether it is good: `number(0.0, 1.0)(0.5)` is true.  Values are as JSON
-has them; true and false are no numbers, and a tuple counts as a list.  `declared` and `array`
-check an array by the type and shape that it declares, before any of its values take memory.
+A check is a function that returns whether a value is good: `number(0.0, 1.0)(0.5)` is true.  Values
+have JSON's types; true and false are not numbers, and a tuple counts as a list.  `declared` and
+`array` check an array by the type and shape that it declares, before any of its values take memory.
 """
 
 import sys

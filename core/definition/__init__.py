@@ -1,9 +1,9 @@
-"""The method in plain NumPy: exact, without shortcuts, and slow.  Every kernel is held to it.
+"""The method in plain NumPy: exact, without shortcuts, and slow.  Each kernel is tested against it.
 
 A radiance field on a tetrahedral mesh: tables of features belong to the vertices of nested
-subdivisions of the tets, and two small networks turn features into density and color.  A point
-finds its features from its barycentric coordinates in its tet and the tet's addresses at rest.  So
-the mesh may be deformed, here by a solver of springs and volumes, and the image follows.
+subdivisions of the tets, and two small networks turn features into density and color.  The features
+of a point follow from its barycentric coordinates in its tet and from the corners' positions at
+rest.  So when a solver of springs and volumes deforms the mesh, the image is deformed with it.
 
 Read the modules in this order, from top to bottom:
 
@@ -11,9 +11,9 @@ Read the modules in this order, from top to bottom:
 2.  subdivision   a point's way from its tet down to smaller and smaller ones
 3.  encoding      features of a point
 4.  networks      features to density and color; the field as a whole
-5.  deformation   what a pose does to a tet: F, Q and s
+5.  deformation   how a pose changes a tet: F, Q and s
 6.  image         the pixels of a field in a pose, in four lines
-7.  loss          what training makes small
+7.  loss          the function that training minimizes
 8.  solver        a substep: how vertices move
 9.  contact       and how parts of the surface keep out of each other
 

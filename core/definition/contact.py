@@ -4,9 +4,9 @@
     a, b, c        the triangle; n its unit normal, out of the body
     b_a, b_b, b_c  barycentric coordinates in it of y's projection; for g, those below 0 become 0,
                    and all are divided by their sum
-    C              height of y above the triangle [m], which a contact wants to be ≥ 0
+    C              height of y above the triangle [m]; the constraint is C ≥ 0
     g              (1 − s, s, −b_a, −b_b, −b_c); the gradients of C are g_i n
-    u, C'          Σ g_i Δx_i, the motion since the substep's start [m], and C − n · u: C there
+    u, C'          Σ g_i Δx_i, the motion since the substep's start [m]; C − n · u: C at that start
     D              Σ w_i |g_i| l_i over the five vertices;  w inverse masses [1/kg]
     h, μ           substep [s], Coulomb's coefficient;  N contacts, V vertices
 
@@ -17,12 +17,12 @@ A contact is active while C < 0 and y is behind its triangle and no other (`is_b
     x_i ← x_i + w_i g_i r n / D,       r = min(β e min(e/d, 1), h v)    out of the body, gently
 
 with u_t the part of u along the triangle, e = (−C')⁺, β = 0.4, a depth d and a speed v.  The third
-move also moves the places at the substep's start: it becomes no velocity, and throws no body out.
+move is also added to the positions at the substep's start, so that it adds no velocity.
 
-All are projected from the same positions.  A vertex divides its mass among its active contacts in
-proportion to |g_i|: l_i is the sum of its |g_i| over them.  Its copy in one contact has the inverse
-mass w_i l_i / |g_i|, and it moves by the mean of its copies' moves, weighted by their masses, which
-is the sum of w_i g_i λ n.  So rigid bodies stop exactly, however many contacts they have.
+All contacts are projected from the same positions.  A vertex divides its mass among its active
+contacts in proportion to |g_i|: l_i is the sum of its |g_i| over them.  Its copy in one contact has
+the inverse mass w_i l_i / |g_i|.  The vertex moves by the mean of its copies' moves, weighted by
+their masses: Σ w_i g_i λ n.  So rigid bodies stop exactly, however many contacts they have.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What deformation does to a tet: the linear map F of its inside, and what follows from it.
+"""How deformation changes a tet: the linear map F of its inside, and quantities that follow from F.
 
     E0, E   [T, 3, 3]   edges from corner 0 to corners 1, 2, 3 as columns, at rest and now
     F       [T, 3, 3]   deformation gradient: current = F rest + a constant,   F = E E0⁻¹

@@ -1,4 +1,4 @@
-"""The recursive tetrahedral encoding: what is known about a point, as a vector of features.
+"""The recursive tetrahedral encoding: it maps a point to a vector of features.
 
     L                          levels; level 0 is the coarse mesh
     tables    L × [E_l, F]     features of the vertices of each level; F = 4
@@ -6,8 +6,8 @@
     features  [N, L F]         of points
 
 At each level the descendant that holds the point has four corners, each with a row in the table.
-The point's coordinates in it, α, α', ..., interpolate the rows; the levels are joined (DeformRF,
-section 3.2, Eq. 4):
+The rows are interpolated with the point's coordinates in the descendant, α, α', ...; the results of
+all levels are concatenated (DeformRF, section 3.2, Eq. 4):
 
     features = (Σ_j α_j table_0[entry_j], Σ_j α'_j table_1[entry'_j], ...)
 

@@ -9,9 +9,9 @@
 1. Pieces.  A ray, t ≥ 0, is in a tet while no coordinate of α(t) is negative.  Each tet cuts its
    own interval of the ray, from its own entry, into pieces of length Δ at rest, the last one
    shorter.  A step of 1 in t is |F⁻¹d| long at rest.
-2. Values.  σ is constant on a piece: that of its middle, and 0 where the mask says so.  So is its
-   color c, which the color network gives for h and the direction at rest, Qᵀd.  Where a ray has
-   one color, h and Qᵀd themselves are constant on a piece.
+2. Values.  σ is constant on a piece: its value at the piece's middle, or 0 if the mask's bit there
+   is 0.  The color c is constant, too: the color network computes it from h and the direction at
+   rest, Qᵀd.  If the field has `color_per_ray`, h and Qᵀd themselves are constant on a piece.
 3. Extinction.  κ = s σ |F⁻¹d| per unit of t.  So a tet is as opaque as at rest,
    however far it is stretched.
 4. Sum.  The ends of all pieces of a ray cut it into intervals.  Within one, of length dt and with
@@ -20,7 +20,7 @@
        τ = Σκ dt,   w = T (1 − exp(−τ)),   c = Σκc / Σκ           over the pieces
        pixel = Σ w c + (1 − Σ w) background                       over the intervals
 
-   Where a ray has one color, h and Qᵀd are summed in place of c.  The color network runs once, on
+   With `color_per_ray`, h and Qᵀd are summed in place of c.  The color network runs once, on
    Σwh / Σw and ΣwQᵀd / Σw, the latter brought to length 1.  Its color times Σw stands for Σ w c.
 
 Where tets don't overlap, line 4 is Eq. 1 of the paper.  Where they do, after a fold or with tets

@@ -1,6 +1,6 @@
 """The coarse mesh: tets of the A15 lattice, and an integer address for every vertex.
 
-    dx                    a quarter of the lattice's period, model units; 0.02 in DeformRF, 4.1
+    dx                    a quarter of A15's period [model units]; 0.02 in DeformRF, section 4.1
     addresses [V, 3] int  of vertices: position at rest = (address − MARGIN) dx; none is negative
     tets      [T, 4] int  ids of the four corners; the volume at rest is positive
 
@@ -8,9 +8,9 @@ Model space is the unit cube; z is up.  A15 fills space with acute tets.  It rep
 with 8 vertices and 46 tets.  Two vertices are joined if they are √4, √5 or √6 dx apart; four
 vertices of which each two are joined are the corners of a tet.
 
-Training begins with the tets of all periods that meet the unit cube, and keeps those that hold
-something.  The corners of a tet may stand in any order that leaves its volume positive; training
-takes the one in which its descendants (subdivision.py) have the best shapes.
+Training begins with the tets of all periods that meet the unit cube.  It keeps those that have
+density, border on such tets, or are enclosed by them.  Of the orders of a tet's corners that leave
+its volume positive, it takes the one whose descendants (subdivision.py) have the best shapes.
 """
 
 from itertools import product

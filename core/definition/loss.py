@@ -13,14 +13,14 @@ At rest tets don't overlap, so a pixel is Eq. 1 of the paper.  A batch costs
 
     color = Σ w c + (1 − Σw) background       target = rgb · alpha + background · (1 − alpha)
     D = Σ_ij w_i w_j |t_i − t_j| + ⅓ Σ_i w_i² δ_i        distortion: Mip-NeRF 360, Eq. 15
-    X = Σw · Σ over the three logits of (|logit| − 8)⁺²   excess, where a ray has one color
+    X = Σw · Σ over the three logits of (|logit| − 8)⁺²   excess; 0 without `color_per_ray`
 
-The background is white, or random for each ray: so empty space learns to be empty.  X keeps colors
-where the sigmoid has a slope; its Σw is a constant, from which no opacity learns.
+The background is white, or random for each ray, so that density in empty space is an error.  X
+keeps logits where the sigmoid has a slope; gradients treat its Σw as a constant.
 
 Stage 1 trains the whole grid, with at most four levels and pieces twice as long.  Then tets in
-which nothing was seen go; in the others, masks say where nothing was seen.  Stage 2 trains these
-tets anew, with all levels.
+which nothing was seen are removed; in the others, mask bits are 0 where nothing was seen.  Stage 2
+trains these tets anew, with all levels.
 """
 
 import numpy as np

@@ -1,18 +1,18 @@
 """Features to density and color: two small networks, and the field that they complete.
 
     features  [N, L F]     of points (encoding.py)
-    h         [N, 16]      what the density network gives
+    h         [N, 16]      output of the density network
     σ         [N]          density per unit of rest length [1 / model unit]
     d         [N, 3]       unit direction of the ray, from the camera into the scene, at rest
     Y(d)      [N, 16]      real spherical harmonics of degree 0..3
     color     [N, 3]       red, green, blue in 0..1
-    masks     [T] uint64   bit p: may the descendant with path p, two levels down, hold density
+    masks     [T] uint64   bit p: 1 if the descendant with path p, two levels down, may hold density
 
     h = density network(features),   σ = exp(min(h_0, 15))
     color = sigmoid(color network(h, Y(d)))
 
 A network is a tuple of layers (weights [in, out], bias [out]) with ReLU between them.  Density has
-one hidden layer, the paper's three with a sigmoid each.  e¹⁵ is opaque within any piece of a ray.
+one hidden layer; in the paper it has three, with sigmoids.  Any piece of density e¹⁵ is opaque.
 """
 
 from dataclasses import dataclass

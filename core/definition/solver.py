@@ -7,13 +7,13 @@
                        solid with Young's modulus E [Pa] and Poisson's ratio ν ≥ ¼
     V0, V_e            rest volume of a tet, and a sixth of the sum of V0 of an edge's tets [m³]
     C, g_i             a constraint, and its gradients ∂C/∂x_i;   w̄ = Σ w_i |g_i|² at rest
-    α, a               its compliance, and what stands for α/h² in a projection
+    α, a               its compliance, and the term in place of α/h² in a projection
 
     edge      C = |x_i − x_j| − L   α = L² / (15 μ V_e) [m/N]   g_i = (x_i − x_j)/|x_i − x_j| = −g_j
     volume    C = 6 (V − V0)        α = 36 V0 / K [m⁵/N]        g_1 = (x_2 − x_0) × (x_3 − x_0), ...
 
-Edges alone are, on average over directions, a solid of ν = ¼; volumes add what more ν needs.  A
-substep:
+Edges alone are, on average over directions, a solid of ν = ¼; volumes raise ν to the material's.
+A substep:
 
 1.  v ← v exp(−δh) + h gravity, |v| ≤ v_max;   x ← x + h v, but to its target where w = 0
 2.  Edges, color after color, then volumes, color after color: no two of a color share a vertex.
@@ -22,8 +22,8 @@ substep:
         a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, 0.05 w̄)
 
     λ starts from 0 in each substep, so it is not kept (Macklin 2019).  A sweep over constraints
-    softens each, to first order as ½ w̄ h² of compliance would; a takes that off, and a term of
-    second order.  Its factor 0.07 and the floor 0.05 were measured: below it, stiff bodies tangle.
+    softens each, to first order like a compliance of ½ w̄ h² more; a subtracts that and a term of
+    second order.  The factor 0.07 and the floor 0.05 were measured: below it, stiff bodies tangle.
 3.  Contacts (contact.py).
 4.  v ← (x − x before the substep) / h
 """

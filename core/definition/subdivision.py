@@ -10,9 +10,9 @@ the inner diagonal m02-m13 (4..7).  A point descends one level by               
 
     α' = C_k α,        k = i if α_i ≥ ½, else 4 + [α1 + α2 ≥ ½] + 2 [α2 + α3 ≥ ½]
 
-The columns of C_k⁻¹ are the corners of child k in its parent.  The regions are the paper's, the
-corners in Bey's order ("Tetrahedral grid refinement", 1995): descendants have three shapes at most.
-No position enters: a point of the deformed object, with its α there, finds the same descendants.
+The columns of C_k⁻¹ are the corners of child k in its parent.  The children are the paper's; with
+corners in Bey's order ("Tetrahedral grid refinement", 1995), descendants have three shapes at most.
+Positions are not used: a point keeps its α, and so its descendants, when the mesh deforms.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Edge-length and tet-volume constraints: their vertices, rest values and compliances.
 
-core/definition/solver.py defines constraints, their projection and a, what stands for α/h² in it.
-Here are besides
+core/definition/solver.py defines constraints, their projection, and the term a that stands there in
+place of α/h².  This module adds
 
     edge:   α = 1/k_e,  k_e = 15 μ f V_e / L²;  f makes a lattice equally stiff in all directions
             (isotropy.py)

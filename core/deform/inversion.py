@@ -3,8 +3,8 @@
 Edge lengths are the same for a tet and its mirror image.  So while a part has an inverted tet, all
 of its tets keep their volume.  Each has a bulk modulus of at most EACH_HOLDS · μ, so that the part
 neither locks nor gets stiffer.  This guard ends when, for a while, no tet was inverted or had less
-than half its volume.  If the pose then inverts tets again, the guard ends once more, after a longer
-while.  The third time it stays until the user acts, because the body jerks whenever it ends.
+than half its volume.  If the pose then inverts tets again, the guard returns, and lasts longer.
+The third time it stays until the user acts, because the body jerks whenever the guard ends.
 
 Shapes: V vertices, P parts (connected components), T tets.
 """

@@ -7,9 +7,10 @@ maximum norm, which fits a box) to
     y                        if |y| <= 1
     (2 - 1 / |y|) y / |y|    otherwise
 
-So all of space fits in the cube from -2 to 2.  At levels of growing resolution, the eight corners
-of the point's cell have features.  These are found by hashing the corners' integer coordinates, and
-interpolated trilinearly (Instant-NGP, Müller et al. 2022).
+So all of space fits in the cube from -2 to 2.  Each level divides the
+cube into finer cells than the one before.  At each level, a hash of integer coordinates gives the
+table entries of the eight corners of the point's cell; their features are interpolated trilinearly
+(Instant-NGP, Müller et al. 2022).
 
 Shapes: N points, G levels, E entries per level, F = 4 features.
 """

@@ -1,4 +1,4 @@
-"""One color per ray: what is summed along a ray instead of colors, and its color from the means.
+"""One color per ray: h and directions are summed along a ray, and their means give its color.
 
 This applies to fields with `FieldOptions.deferred`.  Each sample has h from the density network
 and the rest direction Qᵀd.  A ray sums both, with the samples' weights.  When it ends, the color

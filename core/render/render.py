@@ -4,8 +4,8 @@ A ray takes one of three paths:
 
     rounds/wavefront.py    default mode on CUDA: rounds that the host does not wait for
     rounds/host.py         everything else: rounds of march, shade, accumulate
-    overlap/               tangled rays, which see the mesh overlap itself: windows.py on a
-                           CPU, window_slots.py in a wavefront, merging.py else
+    overlap/               tangled rays, through places where the mesh overlaps itself:
+                           windows.py on a CPU, window_slots.py in a wavefront, else merging.py
 
 Each path marches rays through the mesh (rays/), and computes density and color of the samples
 (shading.py).  On the CPU a Warp launch uses one core and releases the interpreter, so a pool of

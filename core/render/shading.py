@@ -1,7 +1,7 @@
 """Density and color of samples: features from the tables, then the networks.
 
-If each ray has one color (deferred.py), `shade` returns the values that rays sum, and `finish`
-computes the colors of rays.
+If each ray has one color (deferred.py), `shade` returns, instead of colors, the values to sum along
+each ray, and `finish` computes the ray's color from the sums.
 
 Shapes: N packed samples, L levels.
 """

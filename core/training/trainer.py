@@ -1,7 +1,7 @@
 """Train a field on photographs, in two stages (DeformRF, section 3.4).
 
 Stage 1 trains few levels on the A15 grid of the whole scene box, to find where density is.  The
-occupied tets, those that they enclose, and their neighbours are kept.  Stage 2 trains all
+occupied tets, those that they enclose, and their neighbors are kept.  Stage 2 trains all
 levels on the kept tets.  Both minimize the loss of run/loss.py with Adam.  Images with alpha are
 composited on a random background per ray in the first half of a stage, so that empty space becomes
 empty, and on white in the second half, because scores are computed on white.

@@ -1,13 +1,13 @@
-"""The contacts of each sample of touched clusters, within a frame.
+"""Find the contacts of each surface sample within a frame, in touched clusters (boxes.py).
 
-    near  A sample in front of a face comes nearer to it than the margin within the frame.
+    near  Within the frame, a sample in front of a face comes closer to it than the margin.
           Substeps project such a contact only while it is violated: it is an inequality.
     deep  A sample is inside a tet, and has to leave the body through a face.  The first choice is
           the nearest face, if the sample is less than a tolerance behind it.  Otherwise, take the
           point at rest with the same barycentric coordinates in the tet: the sample leaves through
-          the face that is nearest to this point at rest.  It keeps its face until another one is
-          much nearer, or it would be pulled to and fro.  Near a sharp edge it may enter until it is
-          clear which face it is behind.
+          the face that is nearest to this point at rest.  It keeps this face until another one
+          is much nearer, so that it is not pulled to and fro.  Near a sharp edge, a sample less
+          deep than the tolerance gets a face only once it is clear which one it is behind.
 
 A sample has contacts with at most MOST faces, the nearest ones.  Inverted faces and tets are
 ignored: they have no outside.  tests/support/contact_search.py has the same in float64.

@@ -10,11 +10,12 @@ A substep of length h, s = 0..n−1, with what the definition leaves out:
                  x ← x + u min(w/(w + a), w F h²/|u|)
 4.  Contacts.
 5.  Ground.      A vertex that is p below it moves up by p; p = 0 above it.  With the running
-                 mean p̄ ← p̄ + (p − p̄) PRESS_SHARE it moves back along the ground by at most
-                 friction · p̄ of its way in this substep.  One that began the substep more than
-                 LEAVING_SPEED h below gets no higher than by that way, and no velocity from it.
-6.  Colliders.   One after another: a vertex that is p inside moves out by p, and back across
-                 that way by at most friction · p of its way relative to the collider.
+                 mean p̄ ← p̄ + (p − p̄) PRESS_SHARE, friction undoes its motion along the ground in
+                 this substep, up to a length of friction · p̄.  A vertex that began the substep
+                 more than LEAVING_SPEED h below the ground moves up to at most LEAVING_SPEED h
+                 above its start; its vertical velocity is then 0.
+6.  Colliders.   One after another: a vertex that is p inside moves out by p.  Friction undoes
+                 its motion across that direction, relative to the collider, up to friction · p.
 7.  Velocities.
 At the frame's end: anchor ← target.
 

@@ -6,9 +6,9 @@
 
 Torch takes seconds to import, so its networks are made at the first call that needs them.
 Viewing must work without torch: if torch is missing or finds no GPU, the renderer's native code
-(layers.h) evaluates the networks on the CPU, which is slow and, in bfloat16, less accurate than
-float16.  The same native code renders images on a CPU.
-Training does not use this module, but TorchNetworks.evaluate.
+(layers.h) replaces it in this table and evaluates the networks on the CPU.  This is slow and, in
+bfloat16, less accurate than float16.  The same native code renders images on a CPU.
+Training does not use this module; it calls TorchNetworks.evaluate.
 
 Shapes: N samples, L levels, l <= L of them encoded.
 """

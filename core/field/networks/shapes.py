@@ -1,4 +1,4 @@
-"""The shapes of the two networks, and those that fused kernels are written for.
+"""Check whether the layers of the two networks have the shapes that the fused kernels need.
 
 core/definition/networks.py defines what the networks compute.
 """

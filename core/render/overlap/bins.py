@@ -1,4 +1,4 @@
-"""Which tets the rays of an image may meet, near ones first: tangled rays on CUDA take them so.
+"""List the tets that the rays of an image may meet, nearest first, for tangled rays on CUDA.
 
 The image is cut into *bins*, squares of pixels.  Each has a bit for each tet, set where the bounds
 of the tet in the image and those of the bin's rays overlap.  The bits are in order of the tets'

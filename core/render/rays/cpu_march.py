@@ -1,7 +1,7 @@
 """The march of many rays on a CPU, by one thread: rays side by side in the lanes of vectors.
 
-`march_ray` defines the result.  Few rays of a camera have to search for their entries (raster.py);
-those are marched by `march_ray` itself.
+`march_ray` defines the result.  For most rays of a camera, raster.py finds the entries; the few
+others search for theirs, and `march_ray` itself marches them.
 
 Shapes: R rays, K slots per ray, T tets.
 """

@@ -1,6 +1,6 @@
 """Scans of phones with LiDAR, as the programs Polycam and Record3D export them.
 
-Both programs find cameras during the scan (ARKit's, which look along -z; the world's y is up):
+Both programs find cameras by ARKit during the scan.  Cameras look along -z; the world's y is up:
 
     Polycam, "raw data"      keyframes/corrected_images/<name>.jpg, and for each a camera in
                              corrected_cameras/<name>.json beside it: t_00 ... t_23, camera to

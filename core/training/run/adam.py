@@ -1,4 +1,4 @@
-"""Adam (Kingma and Ba 2015) by torch's fused kernels, without torch.optim.Optimizer; its rates.
+"""Adam (Kingma and Ba 2015) by torch's fused kernels, not torch.optim.Optimizer; learning rates.
 
 The first Optimizer of a process imports torch's compiler, which this program does not use.  That
 import takes 6 of the first 18 s of a run on a GPU host, 1 s on two CPU cores.

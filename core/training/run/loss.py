@@ -1,4 +1,4 @@
-"""The loss of a batch: that of definition/loss.py, and what photographs need beside it.
+"""The loss of a batch: that of definition/loss.py, and additional terms for photographs.
 
 If surroundings are trained, `surrounded_cost` takes the place of the distortion's cost.  If
 photographs differ in exposure, each has a color map (exposure.py), which is applied to the model's
@@ -9,9 +9,9 @@ no error changes its colors again.  Every color that 8 bits can tell from 0 and 
 Colors of samples and of surroundings have no such cost, because their networks are narrow.
 
 Table decay reduces noise: fine levels also fit differences between photographs that are not
-texture.  If photographs have more than twice as many numbers as there are features, noise matters
-little, and the term would only cost detail: `needed_decay`.  Only the gradient of this term is
-computed: `add_table_decay`.
+texture.  If the object's pixels have more than twice as many color values as the table has
+features, noise matters little, and the term would only cost detail: `needed_decay`.  Only the
+gradient of this term is computed: `add_table_decay`.
 """
 
 import torch

@@ -1,9 +1,9 @@
 """The optimization of a field: Adam steps on random rays, as many as a stage of training has.
 
 A step draws rays, marches them, composites their samples, compares the colors with the
-photographs' and updates the weights.  On the CPU its arrays have exactly as many samples as
-there are; on CUDA the steps are recorded (recorded_steps.py).  Several workers each take a
-share of the rays and of the places for samples, and exchange gradients (exchange.py).
+photographs' and updates the weights.  On the CPU its arrays have exactly one place for each sample;
+on CUDA the steps are recorded (recorded_steps.py).  Several workers each take a share of the rays
+and of the places for samples, and exchange gradients (exchange.py).
 
 Every few steps the run updates the occupancy, adapts the number of rays to the places for samples,
 and examines the loss (monitoring.py).  If memory is too small, it halves the number of places.

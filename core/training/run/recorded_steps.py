@@ -2,8 +2,8 @@
 
 A march is a long chain of small loads that leaves the GPU nearly idle.  So while the field is
 trained on one batch, the next ones are marched at the same time, each on a stream of its own.  A
-batch marched ahead has a copy of the occupancy mask.  If an update of the mask falls into the AHEAD
-steps since then, the batch misses it.
+batch is marched with a copy of the occupancy mask, which is made AHEAD steps before the field is
+trained on the batch.  Updates of the mask in these steps do not reach the batch.
 
 Within a recorded step nothing waits for the host: it has a fixed number of rays and fixed arrays
 for samples; learning rate, background and seed are values on the device.
