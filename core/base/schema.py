@@ -1,4 +1,4 @@
-"""Checks of the values and arrays of a file, which run before these are used.
+"""Checks that run on a file's values and arrays before these are used.
 
 A check is a function that returns whether a value is good: `number(0.0, 1.0)(0.5)` is true.  Values
 have JSON's types; true and false are not numbers, and a tuple counts as a list.  `declared` and

@@ -1,7 +1,7 @@
 """Drag a model and draw it with the functions of this folder alone: slowly and exactly.
 
-The lowest 5 % of the object are held, without gravity; a model unit is a meter.  The dragged vertex
-moves to its target in a second and stays for another.  The picture shows the front, along +y.
+Vertices in the lowest 5 % of its height are held.  There is no gravity; a unit is a meter.  The
+dragged vertex moves to its target in a second and stays for another.  The view is along +y.
 """
 
 from ..base.children import forget_current_folder

@@ -6,17 +6,17 @@ against shears ε_xx − ε_yy with that against shears ε_xy: it is 0.777 for A
 0.476 for Kuhn's lattice.  So every class of equally long edges gets a factor,
 k_e = 15 μ f V_e / L².
 
-In the infinite lattice under a strain ε each edge e, with unit vector n and V_e around it,
-stores ½ k_e (n·ε n L)².  The factors follow from two linear systems over one cell of
-volume V,
+V_e is a sixth of the volume of the tets around an edge e, and n the edge's unit vector.  In the
+infinite lattice under a strain ε, each edge stores ½ k_e (n·ε n L)².  The factors follow from two
+linear systems over one cell of volume V,
 
     1/V Σ k_e L² n_i n_j n_k n_l = μ (δ_ij δ_kl + δ_ik δ_jl + δ_il δ_jk)
     Σ_{e at vertex a} ± k_e L n_i n_j n_k = 0          for every vertex a of the cell
 
 The second system says that no strain moves a vertex from its place in the cell.  Otherwise
 such moves would soften shears, because not all vertices of A15 are centers of symmetry.
-Volume constraints do not move these vertices either, so they stay exact.  For Kuhn's lattice there
-is no solution.
+Volume constraints do not move vertices within the cell either, so they add exactly their
+modulus K to λ.  For Kuhn's lattice there is no solution.
 
 Shapes: E edges of a mesh.
 """

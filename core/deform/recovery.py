@@ -1,4 +1,4 @@
-"""Tell the rescue which parts need it, and move the vertices of the parts that it takes back.
+"""Tell the rescue which parts need it, and move those that it selects back to their rest shape.
 
 Besides tangled parts (tangles.py), stuck parts need a rescue.  A part that hangs on a small hinge
 can fold over it into a minimum of the energy in which no tet is inverted.  A part is stuck if

@@ -1,7 +1,7 @@
 """Corrections for photographs: exposure, blur, and the size of pixels.
 
-Exposure and blur matter only if a camera took the images (`are_photographs`); for other images
-nothing here changes a run.
+Exposure and blur are corrected only if a camera took the images (`are_photographs`).  The size of
+pixels changes no run; it is only reported.
 """
 
 import numpy as np

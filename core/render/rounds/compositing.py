@@ -1,7 +1,7 @@
 """Samples to pixels: the volume-rendering sum (DeformRF, Eq. 1).
 
-Piece i of a ray has color c_i and optical depth τ_i = σ_i·length_i, with the length in rest
-space times the fade of the tet (see rays/marching.py):
+Piece i of a ray has color c_i and optical depth τ_i = σ_i·length_i.  Here length_i is the piece's
+length in rest space, multiplied by the fade s of its tet (see rays/pose.py):
 
     T_i = exp(-Σ_{j<i} τ_j)        transmittance before piece i
     w_i = T_i (1 - exp(-τ_i))      weight
