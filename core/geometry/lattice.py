@@ -16,8 +16,8 @@ clique form a path through a cube along which no coordinate decreases.
 The order of a tet's corners determines the shapes of its descendants (subdivision.py).  Let a, b,
 c, d be the steps of the closed path v0 v1 v2 v3 v0.  Every descendant has the same four steps,
 scaled, in one of three cyclic orders.  A descendant's other two edges are, scaled, two of three
-vectors: p = a + b from v0 to v2, q = b + c from v1 to v3, and r = a + c.  Half of r leads from one
-middle to the other of the edges v0v2 and v1v3.  With
+vectors: p = a + b from v0 to v2, q = b + c from v1 to v3, and r = a + c.  Half of r leads from the
+middle of the edge v0v2 to that of v1v3.  With
 S = |a|² + |b|² + |c|² + |d|² = |p|² + |q|² + |r|², the squared edges of the three shapes sum to
 2S - |p|², 2S - |q|² and 2S - |r|².  All tets of a level have equal volume, so these sums alone rank
 the shapes by their mean ratio,

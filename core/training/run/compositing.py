@@ -4,8 +4,8 @@ On CUDA the 32 lanes of a warp take 32 samples of a ray at a time, because a ste
 longest rays.  On the CPU one lane takes one sample after another.  The kernels are the same:
 `sum_before`, `product_before` and `last_lane` combine the lanes' values.
 
-A ray sums a vector of each sample: its color (`vec3`), or, if each ray has one color, the numbers
-between the networks (`geometry_vector`).
+A ray sums a vector of each sample: its color (`vec3`), or, if each ray has one color, h, the
+density network's output (`geometry_vector`).
 
 Shapes: R rays, N packed samples; ray r has the samples ends[r] - counts[r] .. ends[r] - 1.
 """

@@ -4,9 +4,10 @@ If surroundings are trained, `surrounded_cost` takes the place of the distortion
 photographs differ in exposure, each has a color map (exposure.py), which is applied to the model's
 colors before they are compared; the maps have a cost, too.
 
-Excess: an object of one color drives a wide network to logits beyond ±8 in the first steps; there,
-no error changes its colors again.  Every color that 8 bits can tell from 0 and 1 lies within ±8.
-Colors of samples and of surroundings have no such cost, because their networks are narrow.
+Excess is a cost on a color's logits beyond ±8.  An object of one color drives a wide network there
+in the first steps, and then no error changes its colors again.  Every color that 8 bits can tell
+from 0 and 1 lies within ±8.  Colors of samples and of surroundings have no such cost, because their
+networks are narrow.
 
 Table decay reduces noise: fine levels also fit differences between photographs that are not
 texture.  If the object's pixels have more than twice as many color values as the table has
