@@ -6,8 +6,8 @@ place of α/h².  This module adds
     edge:   α = 1/k_e,  k_e = 15 μ f V_e / L²;  f makes a lattice equally stiff in all directions
             (isotropy.py)
     brace:  an edge of no tet (hinges.py)
-    volume: α = 36 V0 / K_t;  K_t is the material's K, except on A15, where few tets have a bulk
-            modulus, in place of all (locking.py)
+    volume: α = 36 V0 / K_t;  K_t is the material's K, except on A15, where most tets have K_t = 0
+            and the K_t of the others makes up for it (locking.py)
     spring: C = |x_i − target|,  α = 1/k, with a force of at most F.  It is projected last, so
             a = α/h².
 

@@ -1,4 +1,4 @@
-"""Kernels around cpu.cpp and cuda.cu, with the same arguments."""
+"""Wrap cpu.cpp and cuda.cu in Warp kernels whose arguments differ only in scratch's type."""
 
 from pathlib import Path
 
