@@ -2,8 +2,8 @@
 
 This applies to fields with `FieldOptions.deferred`.  Each sample has h from the density network
 and the rest direction Qᵀd.  A ray sums both, with the samples' weights.  When it ends, the color
-network is evaluated once, for the means.  core/definition/image.py
-defines the color (`ray_colors`).
+network is evaluated once, for the means.  `ray_colors` of core/definition/image.py defines the
+color.
 
 Shapes: R rays, n of them in a launch, N packed samples, T tets.
 """

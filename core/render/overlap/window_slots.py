@@ -5,8 +5,8 @@ ones.  In a round, a plain ray walks.  A tangled ray renders one window, an inte
 at most as many pieces, counted over all tets, as the ray has slots.  Overlapping pieces are merged
 by line 4 of the definition, from one end of a piece to the next.  bins.py lists the tets that a ray
 may meet, nearest first, so the search for the next window's pieces goes on where this one ended.  A
-ray is done when it gets dark or no tet is left.  If even its shortest window has too many pieces,
-the ray is *crowded*, and merging.py renders it.
+ray is done when its transmittance falls below the limit `stop` or no tet is left.  If even its
+shortest window has too many pieces, the ray is *crowded*, and merging.py renders it.
 
 windows.py does the same on a CPU, a thread's rays at a time.
 

@@ -1,10 +1,10 @@
 """Render tangled rays on a CPU from front to back, one window (an interval of t) after another.
 
 Inside a fold a ray crosses hundreds of pieces, but only the first few are visible.  A window
-contains all pieces that overlap it, of all tets, so its contribution to the pixel depends on no
-other window.  Windows are as long as SLOTS pieces allow.  The ray ends after the window in which
-it gets dark.  If even the shortest window has too many pieces, the ray is *crowded*, and
-merging.py renders it.
+contains all pieces that overlap it, of all tets, so to render it only the transmittance in front
+of it is needed from other windows.  Windows are as long as SLOTS pieces allow.  The ray ends in the
+window in which its transmittance falls below the limit `stop`.  If even the shortest window
+has too many pieces, the ray is *crowded*, and merging.py renders it.
 
 Shapes: R rays, M of them tangled, K slots per ray, T tets.
 """

@@ -8,8 +8,8 @@ most attention.  There may be several planes, for example a table and the floor.
 is taken that has an object on it and hardly any points below that object.  (Spread arms also lie
 in a plane, but the body continues below it.)
 
-If the plane's normal is about the cameras' common up, the object stands on the plane, and the
-normal is up.  Otherwise the object hangs on the plane, as on a wall, and up is the cameras' up,
+If the plane's normal is within 70° of the cameras' common up, the object stands on the plane, and
+the normal is up.  Otherwise the object hangs on the plane, as on a wall, and up is the cameras' up,
 projected into the plane.
 
 Shapes: n points, N cameras.  Lengths are in the data's units; below, the scale is the median
