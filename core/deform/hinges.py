@@ -7,9 +7,9 @@ length resists a rotation there.
 Short braces join the corners of tets that share a vertex but belong to two blocks.  They fix a
 small block.  Two large blocks would still swing slowly.  The short braces are a neck of one
 element, of width d; it resists a turn with about E d³/12, while the blocks' moments of inertia
-grow with the fifth power of their size.  So long braces join three places in each of two large
-blocks that touch, at most REACH from the hinge.  The three places and the hinge do not lie in one
-plane, so no mirror image of the pose has the same lengths.
+grow with the fifth power of their size.  Therefore, where two large blocks touch, long braces join
+three places in one to three in the other, all at most REACH from the hinge.  A block's three places
+and the hinge do not lie in one plane, so no mirror image of the pose has the same lengths.
 
 Shapes: V vertices, T tets, B braces.
 """

@@ -2,11 +2,12 @@
 
 The buffers of the wavefront (rounds/wavefront.py) hold all rays of an image, plain and tangled
 ones.  In a round, a plain ray walks.  A tangled ray renders one window, an interval of t that meets
-at most as many pieces, counted over all tets, as the ray has slots.  Overlapping pieces are merged
-by line 4 of the definition, from one end of a piece to the next.  bins.py lists the tets that a ray
-may meet, nearest first, so the search for the next window's pieces goes on where this one ended.  A
-ray is done when its transmittance falls below the limit `stop` or no tet is left.  If even its
-shortest window has too many pieces, the ray is *crowded*, and merging.py renders it.
+at most as many pieces, counted over all tets, as the ray has slots.  The pieces' ends cut a window
+into intervals; in each, the media of the pieces that cover it add up (core/definition/image.py,
+line 4).  bins.py lists the tets that a ray may meet, nearest first, so the search for the next
+window's pieces goes on where this one ended.  A ray is done when its transmittance falls below the
+limit `stop` or no tet is left.  If even its shortest window has too many pieces, the ray is
+*crowded*, and merging.py renders it.
 
 windows.py does the same on a CPU, a thread's rays at a time.
 
