@@ -3,7 +3,7 @@
 The table contains nearly all weights, so each worker updates one share of it:
 
     reduce-scatter   sums all workers' table gradients; each worker receives its own share
-    all-reduce       sums all other gradients and errors, and the numbers of pixels
+    all-reduce       sums all workers' other gradients, squared errors and numbers of pixels
     all-gather       collects the updated shares of the table
 
 Every worker makes the same update of all other weights.
