@@ -3,8 +3,9 @@
 Tangles (tangles.py) can be minima of the energy at every stiffness.  If a part stays tangled for
 PATIENCE while nothing is grabbed, the solver rescues it:
 
-1.  For SOFTENING, every constraint has r = a/w̄ = RATIO, and volumes are on, whatever the
-    material.  That frees most tangles and keeps the object's motion.
+1.  For SOFTENING, every constraint has r = a/w̄ = RATIO (a and w̄: definition/solver.py), and
+    volume constraints act, whatever the material.  That frees most tangles and keeps the object's
+    motion.
     A part that is stuck without a tangle (recovery.py) skips this step: it is in a minimum.
 2.  Parts that are still tangled bypass the constraints: their vertices move
     straight to their goals within DURATION, and are released there at rest.
