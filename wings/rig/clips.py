@@ -61,12 +61,8 @@ class Channel:
         if not (np.abs(self.values) <= LARGEST_VALUE).all():  # NaN fails, too
             raise ValueError(f"the keys of a {self.path} hold NaN, or numbers beyond 1e6")
 
-    def value_at(self, seconds: float) -> np.ndarray:
-        """[3], or [4] for a rotation."""
-        return _interpolated(self, self.values, seconds)
 
-
-def _interpolated(channel: Channel, values, seconds: float) -> np.ndarray:
+def interpolated(channel: Channel, values, seconds: float) -> np.ndarray:
     """What the keys of a channel say at a time; `values` may be those of several that go alike.
 
     Args:
@@ -130,7 +126,7 @@ class Clip:
             "scale": rest.scales.copy(),
         }
         for channel, bones, values in self._alike:
-            arrays[channel.path][bones] = _interpolated(channel, values, seconds)
+            arrays[channel.path][bones] = interpolated(channel, values, seconds)
         return BonePose(*(arrays[path] for path in PATHS))
 
     @cached_property

@@ -14,7 +14,7 @@ from deformrf.wings.rig import (
     rotations,
     turned,
 )
-from deformrf.wings.rig.clips import clip_of_matrices
+from deformrf.wings.rig.clips import clip_of_matrices, interpolated
 from deformrf.wings.rig.skeleton import skinning_matrices
 
 
@@ -27,23 +27,27 @@ def channel(interpolation, values, times=(1.0, 2.0, 4.0), path="translation"):
     return Channel(0, path, interpolation, np.array(times, float), np.array(values, float))
 
 
+def value_at(one, seconds):
+    return interpolated(one, one.values, seconds)
+
+
 def test_steps_hold_and_lines_join():
     values = np.random.default_rng().normal(size=(3, 3))
     step, line = (channel(kind, values) for kind in ("STEP", "LINEAR"))
     for seconds, k in ((0.0, 0), (1.0, 0), (1.99, 0), (2.0, 1), (4.0, 2), (9.0, 2)):
-        np.testing.assert_array_equal(step.value_at(seconds), values[k])
-    np.testing.assert_allclose(line.value_at(2.5), 0.75 * values[1] + 0.25 * values[2])
-    np.testing.assert_array_equal(line.value_at(0.5), values[0])
-    np.testing.assert_array_equal(line.value_at(7.0), values[2])
+        np.testing.assert_array_equal(value_at(step, seconds), values[k])
+    np.testing.assert_allclose(value_at(line, 2.5), 0.75 * values[1] + 0.25 * values[2])
+    np.testing.assert_array_equal(value_at(line, 0.5), values[0])
+    np.testing.assert_array_equal(value_at(line, 7.0), values[2])
 
 
 def test_cubic_splines_pass_keys_with_their_tangents():
     keys = np.random.default_rng().normal(size=(3, 3, 3))
     spline, small = channel("CUBICSPLINE", keys), 1e-6
     for k, seconds in enumerate((1.0, 2.0, 4.0)):
-        np.testing.assert_allclose(spline.value_at(seconds), keys[k, 1], atol=1e-12)
-    after = (spline.value_at(2.0 + small) - spline.value_at(2.0)) / small
-    before = (spline.value_at(2.0) - spline.value_at(2.0 - small)) / small
+        np.testing.assert_allclose(value_at(spline, seconds), keys[k, 1], atol=1e-12)
+    after = (value_at(spline, 2.0 + small) - value_at(spline, 2.0)) / small
+    before = (value_at(spline, 2.0) - value_at(spline, 2.0 - small)) / small
     np.testing.assert_allclose(after, keys[1, 2], atol=1e-4)
     np.testing.assert_allclose(before, keys[1, 0], atol=1e-4)
 
@@ -58,13 +62,13 @@ def test_a_cubic_spline_holds_a_cubic():
     times = np.array([1.0, 2.0, 4.0])
     keys = np.stack([slope(times), cubic(times), slope(times)], axis=1)
     for seconds in (1.3, 2.2, 3.7):
-        found = channel("CUBICSPLINE", keys).value_at(seconds)
+        found = value_at(channel("CUBICSPLINE", keys), seconds)
         np.testing.assert_allclose(found, cubic(np.array(seconds)))
 
 
 def test_rotations_take_the_shorter_way():
     values = [rotations.of_vector([0, 0, 0.2]), -rotations.of_vector([0, 0, 0.8])]
-    found = channel("LINEAR", values, (0.0, 1.0), "rotation").value_at(0.5)
+    found = value_at(channel("LINEAR", values, (0.0, 1.0), "rotation"), 0.5)
     np.testing.assert_allclose(np.abs(found @ rotations.of_vector([0, 0, 0.5])), 1.0)
 
 

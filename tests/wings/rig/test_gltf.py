@@ -8,6 +8,7 @@ import pytest
 from gltf_files import TIMES, make_bar
 
 from deformrf.wings.rig import Channel, aligned, read_gltf, rotations, scale_of, skinned
+from deformrf.wings.rig.clips import interpolated
 
 Y_UP_TO_Z_UP = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 
@@ -30,7 +31,7 @@ def by_definition(file, seconds):
         kind = sampler["interpolation"]
         keys = keys.reshape(3, 3, -1) if kind == "CUBICSPLINE" else keys
         one = Channel(0, target["path"], kind, TIMES.astype(float), keys)
-        values[target["node"], target["path"]] = one.value_at(seconds)
+        values[target["node"], target["path"]] = interpolated(one, keys, seconds)
 
     def local(node):
         given = parts.parts["nodes"][node]
