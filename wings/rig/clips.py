@@ -226,14 +226,9 @@ def clip_of_matrices(name: str, skeleton: Skeleton, times: ArrayLike, matrices: 
     return clip_of_poses(name, times, poses)
 
 
-def phase(duration: float, seconds: float, loop: bool = True, speed: float = 1.0) -> float:
-    """The time within a clip, after so many seconds of playing at a speed (backwards below 0)."""
-    time = seconds * speed
-    if duration <= 0.0:
-        return 0.0
-    if loop:
-        return float(time % duration)
-    return float(np.clip(time if speed >= 0.0 else duration + time, 0.0, duration))
+def phase(duration: float, seconds: float) -> float:
+    """The time within a clip that is played again and again, after so many seconds."""
+    return float(seconds % duration) if duration > 0.0 else 0.0
 
 
 def check_times(times: np.ndarray, whose: str):
