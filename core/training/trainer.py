@@ -363,7 +363,7 @@ class _Run:
         report |= {"seconds": self._seconds(), "interrupted": interrupted}
         if diverged:
             report["diverged"] = diverged
-        report["occupied_share"] = field.occupied_share()
+        report["occupied_share"] = float(field.occupied.float().mean())
         if field.device.is_cuda:
             report["peak_memory_bytes"] = self.memory
         report["device"] = field.device.name

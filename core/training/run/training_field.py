@@ -281,9 +281,6 @@ class TrainingField:
         self.occupied = subtets
         self.refresh_mask()
 
-    def occupied_share(self) -> float:
-        return float(self.occupied.float().mean())
-
     def parameters(self) -> list:
         """The trained parameters: those of the table, the networks, and what learns beside them."""
         beside = [m for m in (self.surroundings, self.exposure) if m is not None]

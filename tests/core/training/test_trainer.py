@@ -281,12 +281,12 @@ def test_occupancy_follows_density():
     with torch.no_grad():
         stage.networks.density[-1].bias[0] = 8.0
     stage.update_occupancy()
-    assert stage.occupied_share() == 1.0
+    assert stage.occupied.all()
     with torch.no_grad():
         stage.networks.density[-1].bias[0] = -8.0
     for _ in range(250):  # 0.95 to that power takes 6 below 1e-4
         stage.update_occupancy()
-    assert stage.occupied_share() == 0.0
+    assert not stage.occupied.any()
 
 
 def test_what_no_ray_sees_is_hidden():
