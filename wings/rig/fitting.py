@@ -28,6 +28,7 @@ import numpy as np
 
 from ...core.geometry import TetMesh, components, edges
 from .laplacian import laplacian, pulled_at, solved, solved_as_shares
+from .weights import cleaned, cleaned_offsets, copied_to_lone_parts
 
 FIT = 300.0
 SPACING = 0.34  # of samples, in mean edges of the mesh
@@ -57,8 +58,6 @@ def fitted_weights(
     Raises:
         ValueError: The surface does not lie in the mesh.
     """
-    from .weights import cleaned, cleaned_offsets
-
     points = np.asarray(points, float)
     edge = np.linalg.norm(np.subtract(*mesh.rest_vertices[edges(mesh.tets).T]), axis=1).mean()
     places, areas, wanted = surface_samples(points, triangles, point_weights, edge)
@@ -94,8 +93,6 @@ def _extension(mesh: TetMesh, corners, bary, strength):
         bary: Barycentric coordinates of the places [N, 4].
         strength: How much each place counts against the Laplacian [N].
     """
-    from .weights import copied_to_lone_parts
-
     count, shares = mesh.vertex_count, strength[:, None] * bary
     operator = pulled_at(laplacian(mesh), corners, bary, strength)
     labels = components(count, mesh.tets)
