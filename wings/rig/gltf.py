@@ -59,8 +59,6 @@ def read_gltf(path: str | Path) -> GltfRig:
             return _read(Gltf(path))
     except MemoryError as error:
         raise ValueError(f"{path} needs more memory than is free") from error
-    except ModuleNotFoundError:
-        raise
     except ValueError as error:
         line = one_line(error)
         raise ValueError(line if str(path) in line else f"{path}: {line}") from error
