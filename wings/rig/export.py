@@ -110,11 +110,8 @@ def _preview(mesh, preview):
     kinds = [("position", "<f4", 3), ("color", "u1", 3), ("corners", "<i4", 4)]
     rows = np.empty(len(preview.corners), [*kinds, ("weights", "<f4", 4)])
     rows["position"] = preview.points(mesh.rest_vertices)
-    rows["color"], rows["corners"], rows["weights"] = (
-        preview.colors,
-        preview.corners,
-        preview.weights,
-    )
+    rows["color"], rows["corners"] = preview.colors, preview.corners
+    rows["weights"] = preview.weights
     lines = [f"element preview_vertex {len(rows)}"]
     lines += [f"property float {axis}" for axis in AXES]
     lines += [f"property uchar {name}" for name in COLORS]

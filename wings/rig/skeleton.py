@@ -250,8 +250,7 @@ def reach(skeleton: Skeleton, pose: BonePose, bone: int, target: ArrayLike) -> B
             now = _angle(a - b, c - b)
             axis = _bend_axis(a - b, c - b)
             pose = turned(skeleton, pose, bone, (inner - now) * axis)
-            pose = _aimed(skeleton, pose, upper, bone, target)
-            return pose
+            return _aimed(skeleton, pose, upper, bone, target)
     return _aimed(skeleton, pose, bone, bone, target)
 
 
