@@ -5,7 +5,7 @@ world: +z is the cameras' mean up direction, the unit of length is arbitrary.  T
 the attributes of `SparsePoints`.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,16 +47,12 @@ class SparsePoints:
             assert values.shape == (len(self.points), *shape), (name, values.shape)
             assert values.dtype == kind, (name, values.dtype)
 
-    @property
-    def count(self) -> int:
-        return len(self.points)
-
 
 def save_points(points: SparsePoints, folder: Path) -> Path:
     """Write points.npz into a folder; returns its path."""
     path = Path(folder) / POINTS_FILE
     with whole_file(path) as partial:
-        np.savez_compressed(partial, **{f.name: getattr(points, f.name) for f in fields(points)})
+        np.savez_compressed(partial, **vars(points))
     return path
 
 

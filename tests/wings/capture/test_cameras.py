@@ -79,7 +79,7 @@ def test_the_cameras_of_photographs_are_recovered(photos, poses, tmp_path):
 
 def check_points(views, points):
     """They lie in front of the cameras, and have the colors of the pixels that show them."""
-    assert points.count > 200 and points.track_length.min() >= 2
+    assert len(points.points) > 200 and points.track_length.min() >= 2
     view, lens = np.linalg.inv(views.poses[0]), views.lenses[0]
     local = points.points @ view[:3, :3].T + view[:3, 3]
     assert (local[:, 2] < 0).mean() > 0.99
