@@ -51,10 +51,10 @@ def prepared(data: Path, output: Path, image_size: int | None) -> tuple[Path, in
         ValueError: The photographs don't fit together, or the like; a sentence for the user.
     """
     is_new, is_video = needs_cameras(data), capture.is_video(data)
-    work = output.with_suffix(".capture")
+    work, side = output.with_suffix(".capture"), image_size or capture.IMAGE_SIZE
     if is_new and is_first():
-        photos = capture.frames_of_video(data, image_size) if is_video else data
-        found_by(photos, work, image_size, is_video)
+        photos = capture.frames_of_video(data, side) if is_video else data
+        found_by(photos, work, side, is_video)
     elif is_first():
         capture.remove_left(work, capture.frames_folder(data) if is_video else data)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
@@ -66,9 +66,8 @@ def prepared(data: Path, output: Path, image_size: int | None) -> tuple[Path, in
     return data, image_size
 
 
-def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
+def found_by(data: Path, work: Path, image_size: int, is_sequence: bool):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
-    side = image_size or capture.IMAGE_SIZE
     place = None
     if unread := next((name for name in UNREAD if (data / name).is_file()), None):
         print(
@@ -84,7 +83,7 @@ def found_by(data: Path, work: Path, image_size: int | None, is_sequence: bool):
         other = "" if folder == work else f" ({printable(work)} holds something else)"
         print(
             f"No file in {printable(data)} has the photographs' cameras: they are found first, at "
-            f"{side} pixels (--image-size); {known} {printable(folder)}{other}.",
+            f"{image_size} pixels (--image-size); {known} {printable(folder)}{other}.",
             flush=True,
         )
 

@@ -22,15 +22,13 @@ from .library import load_pycolmap
 from .mapping import Mapped, connected, map_photos
 from .page import gaps_of
 from .phases import Phases
-from .photos import CaptureError, Photo, find_photos
+from .photos import IMAGE_SIZE, CaptureError, Photo, find_photos
 from .standing import checked
-from .video import take_frames
 from .work import open_work
 
 TRANSFORMS_FILE = "transforms.json"
 MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
 HEAD = 1000  # bytes of the file, in which that stands
-IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
 DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
 LEAST_PHOTOS = 8  # with which something can be learned at all
 FEW_FEATURES = 150  # in the median photograph: there is hardly any texture
@@ -66,7 +64,7 @@ class Capture:
 def find_cameras(
     folder: Path,
     work_folder: Path,
-    image_size: int | None = None,
+    image_size: int = IMAGE_SIZE,
     is_sequence: bool = False,
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
 ) -> Capture:
@@ -77,7 +75,7 @@ def find_cameras(
     Args:
         work_folder: For unfinished work, removed at the end; <work_folder>-2 and so on if something
             else is there.
-        image_size: Longer side that photographs are shrunk to; None for IMAGE_SIZE.
+        image_size: Longer side that photographs are shrunk to [pixels].
         is_sequence: They are frames of a video, in order.
         on_work: Called with the folder of the work, and whether work goes on there.
 
@@ -95,7 +93,7 @@ def find_cameras(
         raise CaptureError(f"{path} is there already, and is not overwritten: remove or rename it")
     photos, unreadable = find_photos(photos_at)
     check_count(folder, photos, unreadable)
-    work, again = open_work(work_folder, photos, image_size or IMAGE_SIZE)
+    work, again = open_work(work_folder, photos, image_size)
     on_work(work.folder, again)
     with Phases() as phases:
         unreadable += find_features(work, phases.phase)
@@ -222,16 +220,6 @@ def write(capture: Capture, sharpness: dict):
     save_points(mapped.points, capture.folder)
     with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
         partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
-
-
-def frames_of_video(path: Path, image_size: int | None = None) -> Path:
-    """Take the sharp frames of a video; returns the folder beside it that they are in.
-
-    Raises:
-        CaptureError: The video can't be read, or something else is in that folder.
-    """
-    with Phases() as phases:
-        return take_frames(path, image_size or IMAGE_SIZE, phases.phase)
 
 
 def is_capture(folder: Path) -> bool:

@@ -14,6 +14,7 @@ from PIL import Image
 from ...core.base.images import ImageError, open_image, orientation, rgba, stored_size
 from ...core.training import photo_files
 
+IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
 EXIF_FOLDER = 0x8769
 MAKE, MODEL, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0x010F, 0x0110, 0x920A, 0xA405
 DIAGONAL_35MM = hypot(36.0, 24.0)  # mm, of the film that focal lengths are converted to

@@ -17,7 +17,7 @@ from PIL import Image
 from ...core.base.reading import read_text
 from ...core.training import sharpness_of
 from .hdr import check_color, is_hdr, standard
-from .photos import CaptureError, shrunk
+from .photos import IMAGE_SIZE, CaptureError, shrunk
 
 av = lazy_loader.load("av")  # at its first use: a viewer only asks what is_video
 
@@ -42,16 +42,17 @@ def frames_folder(path: Path) -> Path:
     return path.with_name(f"{path.stem}-frames")
 
 
-def take_frames(path: Path, image_size: int, begin, count: int = FRAMES) -> Path:
+def frames_of_video(path: Path, image_size: int = IMAGE_SIZE, count: int = FRAMES) -> Path:
     """Write a video's sharp frames, if they aren't there already; returns their folder.
 
     Args:
         image_size: Longer side to shrink them to [pixels].
-        begin: Phases.phase.
 
     Raises:
         CaptureError: The video can't be read, or something else is in the folder.
     """
+    from .phases import Phases  # late, as av
+
     path, folder = Path(path), frames_folder(path)
     stat = path.stat()
     source = {"video": path.name, "bytes": stat.st_size, "time": stat.st_mtime_ns}
@@ -62,14 +63,15 @@ def take_frames(path: Path, image_size: int, begin, count: int = FRAMES) -> Path
                 f"rename it, or remove it"
             )
         return folder
-    with tempfile.TemporaryDirectory(prefix=f".{path.stem[:40]}-", dir=path.parent) as beside:
+    prefix = f".{path.stem[:40]}-"
+    with Phases() as phases, tempfile.TemporaryDirectory(prefix=prefix, dir=path.parent) as beside:
         unfinished = Path(beside) / "frames"
         unfinished.mkdir()
         try:
-            with begin("Looking for frames", 1) as advance:
+            with phases.phase("Looking for frames", 1) as advance:
                 sharpness, way = watched(path, advance)
                 chosen = chosen_frames(sharpness, way, count)
-            with begin("Taking frames", 1) as advance:
+            with phases.phase("Taking frames", 1) as advance:
                 write_frames(path, chosen, unfinished, image_size, advance)
         except av.error.FFmpegError as error:
             raise CaptureError(

@@ -1,13 +1,11 @@
 """Videos: containers that are cut and damaged where boxes and elements begin, and HDR tags."""
 
-import contextlib
 import struct
 
 import av
 import numpy as np
 
-from deformrf.wings.capture import CaptureError
-from deformrf.wings.capture.video import take_frames
+from deformrf.wings.capture import CaptureError, frames_of_video
 
 from .damage import Binary, with_bytes, with_structure
 
@@ -106,9 +104,4 @@ class Videos:
 
     def read(self, folder):
         path = next(p for p in folder.iterdir() if p.is_file())
-        take_frames(path, 16, _no_phase, 4)
-
-
-@contextlib.contextmanager
-def _no_phase(name, count):
-    yield lambda share: None
+        frames_of_video(path, 16, 4)

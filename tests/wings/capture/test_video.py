@@ -11,7 +11,6 @@ from PIL import Image, ImageFilter
 
 from deformrf.commands import train
 from deformrf.core.training import sharpness_of
-from deformrf.wings import capture
 from deformrf.wings.capture import CaptureError, frames_of_video, video
 
 
@@ -50,7 +49,7 @@ def test_sharp_frames_are_taken_evenly_along_the_way(tmp_path):
     frames += [wide.crop((4 * i, 0, 4 * i + 160, 120)) for i in range(30)]
     frames = [f.filter(ImageFilter.GaussianBlur(2)) if i % 2 else f for i, f in enumerate(frames)]
     write_video(tmp_path / "pan.mp4", frames)
-    folder = video.take_frames(tmp_path / "pan.mp4", 80, capture.phases.Phases().phase, count=12)
+    folder = frames_of_video(tmp_path / "pan.mp4", 80, count=12)
     numbers = [int(path.stem) for path in sorted(folder.glob("*.jpg"))]
     assert all(n % 2 == 0 for n in numbers), "sharp ones"
     assert len(numbers) >= 10 and sum(n < 30 for n in numbers) <= len(numbers) // 2 + 1
@@ -143,7 +142,7 @@ def test_videos_of_a_telephone_that_was_held_upright_are_turned(tmp_path, turn):
     image = picture(np.random.default_rng(), 96, 120).filter(ImageFilter.GaussianBlur(2))
     stored = image.rotate(-turn, expand=True)
     write_video(tmp_path / "a.mp4", [stored] * 3, turn)
-    folder = video.take_frames(tmp_path / "a.mp4", 400, capture.phases.Phases().phase, count=1)
+    folder = frames_of_video(tmp_path / "a.mp4", 400, count=1)
     (path,) = folder.glob("*.jpg")
     with Image.open(path) as frame:
         assert frame.size == (96, 120)

@@ -217,13 +217,13 @@ def test_the_command_says_where_the_work_is(place, photos, capsys, monkeypatch):
     monkeypatch.setattr(cameras, "find_features", interrupted)
     monkeypatch.setattr(cameras, "LEAST_PHOTOS", 3)
     with pytest.raises(KeyboardInterrupt):
-        capturing.found_by(photos[0].path.parent, place, None, False)
+        capturing.found_by(photos[0].path.parent, place, 200, False)
     said = capsys.readouterr()
     other = f"{place}-2"
     assert f"unfinished work is kept in {other} ({place} holds something else" in said.out
     assert f"What was found so far is in {other}: the same command goes on there" in said.err
     with pytest.raises(KeyboardInterrupt):
-        capturing.found_by(photos[0].path.parent, place, None, False)
+        capturing.found_by(photos[0].path.parent, place, 200, False)
     assert f"going on with the work in {other}" in capsys.readouterr().out
     assert everything(place)["thesis.txt"] == b"years of work"
 
