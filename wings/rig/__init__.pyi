@@ -32,16 +32,13 @@ from .weights import (
     nearest_point_weights as nearest_point_weights,
     rigid_weights as rigid_weights,
 )
-from .quality import (
-    TetQuality as TetQuality,
-    clip_quality as clip_quality,
-)
+from .quality import TetQuality as TetQuality, clip_quality as clip_quality
 from .fitting import fitted_weights as fitted_weights, surface_samples as surface_samples
 from .alignment import align as align, outer_points as outer_points, shared_space as shared_space
 from .matrix_file import read_matrices as read_matrices
 from .gltf import GltfRig as GltfRig, aligned as aligned, read_gltf as read_gltf
 from .gltf_nodes import scale_of as scale_of
-from .methods import METHODS as METHODS, Method as Method
 from .skinning import Skinner as Skinner, skinned as skinned
+from .rig import METHODS as METHODS, Method as Method
 from .rig import Rig as Rig, check_weights as check_weights
 from .rigfile import arrays_of as arrays_of, load_rig as load_rig, rig_from as rig_from

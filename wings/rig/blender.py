@@ -48,7 +48,7 @@ class BlenderRig:
     skeleton: Skeleton
     rest_vertices: np.ndarray  # [V, 3] float32
     weights: np.ndarray  # [V, B] float32; rows sum to 1, or are 0 where nobody painted
-    method: str  # of skinning.METHODS, as Blender posed
+    method: str  # of rig.METHODS, as Blender posed
     shapes: np.ndarray  # [S, V, 3] float32, offsets from rest
     clips: tuple[BlenderClip, ...]
 

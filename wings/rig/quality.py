@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from ...core.geometry import TetMesh
 from .caches import FRAMES_PER_SECOND
 from .clips import Clip, VertexClip
-from .methods import Method
-from .rig import Rig
+from .rig import Method, Rig
 from .skinning import skinned
 from .untangle import Untangler
 

@@ -1,9 +1,10 @@
-"""A rig: a skeleton, how much each bone moves each vertex, and clips.
+"""A rig: a skeleton, how much each bone moves each vertex, and clips; names of ways to skin.
 
 Shapes: V vertices, B bones.
 """
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from .skeleton import Skeleton
 MOST_CLIPS = 1000
 SUM_ERROR = 1e-4  # of a vertex's weights from 1; of its offsets from 0, if the longest is 1
 FARTHEST = 1e6  # of a number in a file
+Method = Literal["linear", "dual quaternion"]  # to move vertices by bones, see skinning.py
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,11 @@ class Rig:
             others = ", ".join(clip.name for clip in self.clips) or "none"
             raise ValueError(f"the rig has no clip {name!r}; its clips: {others}")
         return found[0]
+
+
+def check_method(method: str):
+    if method not in METHODS:
+        raise ValueError(f"skinning is {method!r}; it can be {' or '.join(METHODS)}")
 
 
 def check_weights(weights: np.ndarray, skeleton: Skeleton) -> None:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from ...core.base.feed import Feed
 from . import rotations
-from .methods import Method, check_method
+from .rig import Method, check_method
 
 wp.set_module_options({"enable_backward": False})
 
