@@ -51,17 +51,11 @@ def needed_exposure(exposure, report: dict, workers: Workers) -> LearnedExposure
     """
     if exposure is None:
         return None
-    spread = exposure_spread(exposure)
+    spread = exposure.spread()
     if workers.any(spread >= SMALL_SPREAD):
         return exposure
     report |= {"exposure_spread": spread, "exposure_left": True}
     return None
-
-
-def exposure_spread(exposure: LearnedExposure) -> float:
-    """Standard deviation of the photographs' gains, over their mean."""
-    gains = exposure.gains()
-    return float(gains.std() / gains.mean())
 
 
 def photographed_rays(

@@ -371,7 +371,7 @@ class _Run:
             self.dataset, self.world_to_model, field.mesh, field.options.level_count
         )
         if self.exposure is not None:
-            report["exposure_spread"] = photographs.exposure_spread(self.exposure)
+            report["exposure_spread"] = self.exposure.spread()
         alone = whole = self._export()
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()

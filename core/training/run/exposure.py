@@ -54,7 +54,8 @@ class LearnedExposure(torch.nn.Module):
         return SCALE * (self.maps - self.maps.mean(dim=0))
 
     @torch.no_grad()
-    def gains(self):
-        """By how much each view shows middle gray brighter than the mean look.  [N] float32"""
+    def spread(self) -> float:
+        """Of the brightness in which the views show middle gray: its deviation over its mean."""
         gray = torch.tensor([GRAY, GRAY, GRAY, 1.0], device=self.maps.device)
-        return (1.0 + (self._centered() @ gray).mean(dim=1) / GRAY).cpu().numpy()
+        gains = (1.0 + (self._centered() @ gray).mean(dim=1) / GRAY).cpu().numpy()
+        return float(gains.std() / gains.mean())

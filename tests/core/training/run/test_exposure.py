@@ -118,9 +118,7 @@ def test_exposures_are_learned_and_the_model_is_better_for_it(monkeypatch):
 def test_exposures_that_hardly_differ_are_left_to_the_colors(tmp_path, monkeypatch, spread, left):
     """From stage 2 on, and in a run that is resumed there."""
     monkeypatch.setattr(optimization, "MOST_RAYS", 128)
-    monkeypatch.setattr(
-        "deformrf.core.training.photographs.exposure_spread", lambda exposure: spread
-    )
+    monkeypatch.setattr(LearnedExposure, "spread", lambda self: spread)
     dataset, path = photographs(size=16), tmp_path / "run.checkpoint"
     few = {"spacing": 0.15, "coarse_steps": 80, "fine_steps": 32, "samples_per_step": 2**10}
     options = preset("tiny", aabb=(-0.6,) * 3 + (0.6,) * 3, level_count=3, **few)
