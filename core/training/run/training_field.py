@@ -320,11 +320,10 @@ class TrainingField:
     def load_state(self, state: dict):
         """Go on from the state of a field with this mesh and options."""
         self.set_weights(state["parameters"])
-        for name in ("thickness", "occupied", "hidden"):
-            getattr(self, name).copy_(state[name])
+        self.hidden.copy_(state["hidden"])
+        self.set_occupancy(state["thickness"], state["occupied"])
         self._turn = state["part"]
         self._generator.set_state(state["generator"].cpu())
-        self.refresh_mask()
 
     def export(self, world_to_model, meta) -> TetField:
         """A copy of the field as it stands."""
