@@ -151,12 +151,7 @@ class CudaFrame:
         self._launches.clear()
 
     def run(self, substep_count: int, *facts: int) -> None:
-        """Run one frame.
-
-        Args:
-            facts: Whether there are volumes, springs, a ground and free parts, the number of
-                colliders, and whether there are contacts.
-        """
+        """Run one frame, as `CpuFrame.run` does."""
         key = substep_count, *facts
         if key not in self._launches:
             threads = BLOCK_THREADS if self._in_block else GRID_THREADS

@@ -29,11 +29,7 @@ def section(
     step: Callable[[float], None] = lambda share: None,
     make_solver=XpbdSolver,
 ) -> Section:
-    """Run all cases; `step` is called with the finished share.
-
-    Args:
-        make_solver: Called as XpbdSolver is.
-    """
+    """Run all cases by `run_case`; `step` is called with the finished share."""
     runs = [(solid, case) for solid, case in plan(quick) if case.suits(field.mesh.tets)]
     rows = []
     for number, (solid, case) in enumerate(runs, 1):
