@@ -98,20 +98,8 @@ def section(
     for seed, camera in enumerate(pictures.views(field, effort.view_count, effort.size)):
         numbers = pictures.random_pixels(camera, effort.pixel_count, seed)
         expected.append(pictures.expected_pixels(field, rest, camera, numbers))
-    return section_of(renderer, expected, effort.turns, photos, step)
-
-
-def section_of(
-    renderer: Renderer,
-    expected: list[ExpectedPixels],
-    turns: int,
-    photos: list[PhotoPixels] | None = None,
-    step: Callable[[float], None] = lambda share: None,
-) -> Section:
-    """The section of a renderer in the pose whose pixels are expected."""
-    own = pictures.discretization(renderer.field, expected, DISCRETIZATION_PIXELS)
-    compared = settings(renderer)
-    rows, times = measure(renderer, compared, expected, turns, photos, step)
+    own = pictures.discretization(field, expected, DISCRETIZATION_PIXELS)
+    rows, times = measure(renderer, settings(renderer), expected, effort.turns, photos, step)
     caption = (
         "Error against time: the default's time, times each setting's share of it. Up and left is"
         f" better. Dashed: {BOUND:g} dB, the bound of default mode. The table names all points."
@@ -122,7 +110,7 @@ def section_of(
         key="rendering",
         title="Rendering: error against time",
         findings=_findings(rows, expected, photos),
-        method=_method(expected, turns, own),
+        method=_method(expected, effort.turns, own),
         tables=[Table("rendering", "Settings, each different from the default.", rows)],
         figures=[Figure("rendering", caption, plot(rows))],
         passed=rows[0].within,

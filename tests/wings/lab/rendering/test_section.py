@@ -177,9 +177,15 @@ def test_the_section_says_what_was_measured(ball, with_photos):
         assert share_of(color, figure.png) > 1e-5, family
 
 
-def test_where_nothing_is_good_enough_it_says_so(renderer):
-    wrong = [mine._replace(colors=1.0 - mine.colors) for mine in expected_of(renderer)]
-    section = rendering.section_of(renderer, wrong, 1)
+def test_where_nothing_is_good_enough_it_says_so(renderer, device, monkeypatch):
+    right = pictures.expected_pixels
+
+    def wrong(*asked):
+        found = right(*asked)
+        return found._replace(colors=1.0 - found.colors)
+
+    monkeypatch.setattr(pictures, "expected_pixels", wrong)
+    section = rendering.section(renderer.field, device, EFFORT)
     assert section.passed is False and "gives nothing here" in section.findings[1]
 
 
