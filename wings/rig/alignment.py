@@ -56,13 +56,7 @@ def outer_points(places: np.ndarray, spacing: float) -> np.ndarray:
     cells = np.floor((places - places.min(axis=0)) / spacing).astype(np.int64) + 1
     full = np.zeros(cells.max(axis=0) + 2, bool)
     full[tuple(cells.T)] = True
-    outer = np.zeros(len(cells), bool)
-    for axis in range(3):
-        for step in (-1, 1):
-            neighbor = cells.copy()
-            neighbor[:, axis] += step
-            outer |= ~full[tuple(neighbor.T)]
-    return places[outer]
+    return places[_grown(~full)[tuple(cells.T)]]
 
 
 def shared_space(points: np.ndarray, matter: np.ndarray) -> float:
