@@ -143,9 +143,7 @@ class Recovery:
         rest, now = self._rest_shape.vertices, self._state.vertices.numpy()
         every = np.ones(self._part_of.max() + 1, bool)
         _, goal = ways_back(rest, now, self._holds.pinned, self._part_of, every)
-        away = np.zeros(len(every))
-        np.maximum.at(away, self._part_of, np.linalg.norm(goal - now, axis=1))
-        return away
+        return self._longest(goal - now)
 
     def _look(self):
         """Compare the parts' distances to their rest shape with those of the look before."""
@@ -155,7 +153,7 @@ class Recovery:
             least = 1.0 - STUCK_SHRINKS * self._since_look
             stuck = (away > STUCK_OFF * self._size) & (away > least * before)
             if stuck.any():
-                fast = self._speeds() > STUCK_SPEED * self._size
+                fast = self._longest(self._state.velocities.numpy()) > STUCK_SPEED * self._size
                 if not self._drag > 0.0:
                     stuck &= ~fast
                 if self._contact.found():
@@ -163,8 +161,8 @@ class Recovery:
             self._stuck = stuck.astype(int)
         self._since_look, self._is_far = 0.0, None
 
-    def _speeds(self):
-        """The largest speed of a vertex of each part.  [P]"""
-        speeds = np.zeros(self._part_of.max() + 1)
-        np.maximum.at(speeds, self._part_of, np.linalg.norm(self._state.velocities.numpy(), axis=1))
-        return speeds
+    def _longest(self, vectors):
+        """The largest length of a vector [V, 3] of each part.  [P]"""
+        found = np.zeros(self._part_of.max() + 1)
+        np.maximum.at(found, self._part_of, np.linalg.norm(vectors, axis=1))
+        return found
