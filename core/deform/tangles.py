@@ -159,7 +159,9 @@ class Feedback:
         """
         self._only_inverted = inverted and not count
         if count or inverted:
-            self._count_inverted(vertices)
+            self._counts.zero_()
+            inputs = [vertices, self._tets, self._rest_volumes, self._parts, self._counts]
+            wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
         if count:
             self._count_wrapped(vertices, STRETCH if overlong else UNLIMITED)
         self._expected = 2 if count or inverted else 1
@@ -186,11 +188,6 @@ class Feedback:
     def drop(self):
         """Forget copies that are on their way: the state that they are about has changed."""
         self._expected = 0
-
-    def _count_inverted(self, vertices):
-        self._counts.zero_()
-        inputs = [vertices, self._tets, self._rest_volumes, self._parts, self._counts]
-        wp.launch(count_inverted_kernel, len(self._tets), inputs, device=self._device)
 
     def _count_wrapped(self, vertices, stretch):
         if self._fans is None:
