@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
+from PIL.ImageFont import load_default
 
 from ...core.training import nearest_to_axes, sharpness_weights
 
@@ -138,9 +139,9 @@ def page_of(
     top, cell = MARGIN + 34 + 24 * len(lines), THUMBNAIL[1] + 44
     page = Image.new("RGB", (WIDTH, top + PLOT + 50 + rows * cell + MARGIN), WHITE)
     draw = ImageDraw.Draw(page)
-    draw.text((MARGIN, MARGIN), title, BLACK, font(20))
+    draw.text((MARGIN, MARGIN), title, BLACK, load_default(20))
     for number, line in enumerate(lines):
-        draw.text((MARGIN, MARGIN + 32 + 24 * number), fitted(line, LINE), color, font(16))
+        draw.text((MARGIN, MARGIN + 32 + 24 * number), fitted(line, LINE), color, load_default(16))
     axes = (("from above", 0, 1), ("from the side", 0, 2))
     width = (WIDTH - 3 * MARGIN) // 2
     for number, (name, x, y) in enumerate(axes):
@@ -169,7 +170,7 @@ def draw_photo(page, draw, place, photo: Shown, words: str):
         draw.rectangle((x - 2, y - 2, x + small.width + 1, y + small.height + 1), None, RED, 3)
     below = y + THUMBNAIL[1]
     caption = ": ".join(filter(None, (photo.name, words)))
-    draw.text((x, below + 1), fitted(caption, 26), RED if words else GRAY, font(12))
+    draw.text((x, below + 1), fitted(caption, 26), RED if words else GRAY, load_default(12))
     for number, (value, color) in enumerate(((photo.sharpness, BLUE), (photo.exposure, GREEN))):
         bar = (x, below + 19 + 7 * number, x + THUMBNAIL[0], below + 23 + 7 * number)
         draw.rectangle(bar, (230, 230, 230))
@@ -217,12 +218,8 @@ def plot(name, x, y, size, shown, judged: Judged, points, colors, corners) -> Im
             draw.line((*eye, *pixels(far + side * length * pose[:3, 0])), color, 1)
         draw.ellipse((*(eye - 3), *(eye + 3)), color)
     words = f"{name}: cameras blue" + ("" if corners is None else ", the object's box green")
-    draw.text((8, 6), words, BLACK, font(14), stroke_width=3, stroke_fill=WHITE)
+    draw.text((8, 6), words, BLACK, load_default(14), stroke_width=3, stroke_fill=WHITE)
     return image
-
-
-def font(size: int):
-    return ImageFont.load_default(size)
 
 
 def fitted(text: str, length: int) -> str:
