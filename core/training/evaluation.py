@@ -93,9 +93,8 @@ def evaluate(
         begin = time.perf_counter()
         one_ray = render_view(renderer, around, camera, options)
         seconds = time.perf_counter() - begin
-        if samples == 1:
-            return one_ray, one_ray, seconds
-        return render_view(renderer, around, camera, options, samples), one_ray, seconds
+        image = render_view(renderer, around, camera, options, samples) if samples > 1 else one_ray
+        return image, one_ray, seconds
 
     # On a GPU SSIM takes longer than a render.  On the CPU it would slow the render down.
     waiting = WAITING_VIEWS if wp.get_device(device).is_cuda else 1

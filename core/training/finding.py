@@ -136,7 +136,6 @@ def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundO
     """What the first worker has found: others may have rounded differently."""
     if workers.count == 1:
         return found
-    mine = found
     values = torch.zeros(17, dtype=torch.float64)
     if found is not None:
         numbers = found.turn.ravel(), found.box.ravel(), [found.stands, 1.0]
@@ -145,7 +144,7 @@ def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundO
     workers.broadcast_(values)
     turn, box, (stands, is_found) = np.split(values.cpu().numpy(), [9, 15])
     if workers.is_first or not is_found:
-        return mine if is_found else None
+        return found if is_found else None
     return FoundObject(turn.reshape(3, 3), box.reshape(2, 3), bool(stands))
 
 

@@ -104,7 +104,6 @@ def recorded(device, function: Callable[[Batch], None], batch: Batch, pool=None)
     """The torch.cuda.CUDAGraph of the torch and Warp launches of `function(batch)`.
 
     Args:
-        device: A Warp device, whose current stream is torch's too.
         pool: Memory of a graph that never runs at the same time, to be used again.
     """
     graph, stream = torch.cuda.CUDAGraph(), wp.get_stream(device)
