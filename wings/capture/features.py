@@ -13,9 +13,9 @@ from PIL import Image
 
 from ...core.base.device import thread_count
 from ...core.base.images import ImageError
-from ...core.training import exposure_of, gray_of, sharpness_of
+from ...core.training import exposure_of, gray_of, sharpness_of, shrunk_size
 from .library import SEED, interruptible, load_pycolmap
-from .photos import read_photo, shrunk
+from .photos import read_photo
 from .work import PAIRS, Look, Work, name_of, number_of
 
 MOST_FEATURES = 4096  # of a photograph; the strongest
@@ -99,7 +99,7 @@ def camera_ids(work: Work, database) -> dict[int, int]:
         if number in known:
             continue
         photo = next(photo for photo in work.photos if photo.device == device)
-        width, height = shrunk(photo.size, work.image_size)
+        width, height = shrunk_size(photo.size, work.image_size)
         focal = FOCAL_FACTOR * max(width, height)
         if photo.focal is not None:
             focal = photo.focal * max(width, height) / max(photo.size)

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ...core.base.images import ImageError, open_image, orientation, rgba, stored_size
-from ...core.training import photo_files
+from ...core.training import photo_files, shrunk_size
 
 IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
 EXIF_FOLDER = 0x8769
@@ -99,19 +99,13 @@ def number(value) -> float | None:
     return round(value, 2) if 0.0 < value < 1e5 else None
 
 
-def shrunk(size, longest: int) -> tuple[int, int]:
-    """Width and height of which the longer is at most `longest`."""
-    scale = min(1.0, longest / max(size))
-    return tuple(max(1, round(scale * side)) for side in size)
-
-
 def read_photo(photo: Photo, longest: int) -> np.ndarray:
     """Decode a photograph, upright, on white, shrunk to that longer side.  [h, w, 3] uint8
 
     Raises:
         ImageError: It can't be read.
     """
-    size = shrunk(photo.size, longest)
+    size = shrunk_size(photo.size, longest)
     with open_image(photo.path) as image:
         swapped = image.size != photo.size
         image.draft("RGB", size[::-1] if swapped else size)  # a JPEG decodes at half its size

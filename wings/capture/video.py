@@ -15,9 +15,9 @@ import numpy as np
 from PIL import Image
 
 from ...core.base.reading import read_text
-from ...core.training import sharpness_of
+from ...core.training import sharpness_of, shrunk_size
 from .hdr import check_color, is_hdr, standard
-from .photos import IMAGE_SIZE, CaptureError, shrunk
+from .photos import IMAGE_SIZE, CaptureError
 
 av = lazy_loader.load("av")  # at its first use: a viewer only asks what is_video
 
@@ -163,14 +163,14 @@ def write_frames(path: Path, chosen, folder: Path, image_size: int, advance):
         if number not in wanted:
             continue
         if is_hdr(frame):
-            pixels = standard(frame, shrunk((frame.width, frame.height), image_size))
+            pixels = standard(frame, shrunk_size((frame.width, frame.height), image_size))
         else:
             pixels = frame.to_ndarray(format="rgb24")
         # FFmpeg's angle is that of a counterclockwise turn, as NumPy's.
         pixels = np.rot90(pixels, round(frame.rotation / 90))
         image = Image.fromarray(np.ascontiguousarray(pixels))
         if max(image.size) > image_size:
-            image = image.resize(shrunk(image.size, image_size), Image.Resampling.BOX)
+            image = image.resize(shrunk_size(image.size, image_size), Image.Resampling.BOX)
         image.save(folder / f"{number:06d}.jpg", quality=95, subsampling=0)
         if number == chosen[-1]:
             return

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.core.training import load_dataset
+from deformrf.core.training import load_dataset, shrunk_size
 from deformrf.wings import capture
 from deformrf.wings.capture import CaptureError, find_cameras, library
 
@@ -58,7 +58,7 @@ def test_photographs_of_twelve_megapixels_are_worked_at_another_size(tmp_path, m
         image.save(tmp_path / f"{number}.jpg", quality=60)
     ((photo, *_), _) = capture.photos.find_photos(tmp_path)
     assert photo.size == (4000, 3000)
-    assert capture.photos.shrunk(photo.size, capture.IMAGE_SIZE) == (1600, 1200)
+    assert shrunk_size(photo.size, capture.IMAGE_SIZE) == (1600, 1200)
     assert capture.read_photo(photo, capture.IMAGE_SIZE).shape == (1200, 1600, 3)
     sizes = []
     pycolmap = library.load_pycolmap()
