@@ -181,7 +181,6 @@ def draw_photo(page, draw, place, photo: Shown, words: str):
 def plot(name, x, y, size, shown, judged: Judged, points, colors, corners) -> Image.Image:
     """Cameras, points and the box along two axes of the world."""
     image = Image.new("RGB", size, (246, 246, 246))
-    draw = ImageDraw.Draw(image)
     poses = np.array([s.pose for s in shown if s.pose is not None]).reshape(-1, 4, 4)
     if not len(poses):
         return image
