@@ -134,8 +134,6 @@ def found_by_a_field(dataset, seed, device, workers, progress) -> FoundObject | 
 
 def first_workers(found: FoundObject | None, device, workers: Workers) -> FoundObject | None:
     """What the first worker has found: others may have rounded differently."""
-    if workers.count == 1:
-        return found
     values = torch.zeros(17, dtype=torch.float64)
     if found is not None:
         numbers = found.turn.ravel(), found.box.ravel(), [found.stands, 1.0]
