@@ -1,6 +1,5 @@
 """deformrf-edit: a model without some of its tets, as a smaller model."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,7 +10,7 @@ import tyro
 from ..core import field as fields
 from ..core.base.arguments import Box, writable_file
 from ..core.base.device import start_warp
-from .running import asked_for_version, run
+from .running import run
 
 PROGRAM = "deformrf-edit"
 
@@ -35,11 +34,9 @@ class EditArguments:
     """Bits of each number in the model's tables, as for deformrf-train; by default MODEL's."""
 
 
-def main():
-    if asked_for_version():
-        sys.exit(0)
+def main() -> int:
     arguments = tyro.cli(EditArguments, prog=PROGRAM)
-    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+    return run(PROGRAM, lambda: prepare(arguments))
 
 
 def prepare(arguments: EditArguments):

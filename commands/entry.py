@@ -25,14 +25,15 @@ COMMANDS = {
     "deformrf-report": "deformrf.commands.report",
 }
 INTERRUPTED = 130
-VERBOSE = "With --verbose, what the program notes goes to stderr."  # the end of every --help
+# The end of every --help.
+EVERYWHERE = "With --verbose, what the program notes goes to stderr; --version prints the version."
 
 
 def begin(program: str) -> int:
     """Import a command and run it; returns its exit code.
 
     A fault of the program leaves a report that a user can attach.  With --verbose, any command
-    shows on stderr what its modules note.
+    shows on stderr what its modules note; with --version, it prints the version and ends.
     """
     forget_current_folder()
 
@@ -47,6 +48,9 @@ def begin(program: str) -> int:
     if signal.getsignal(signal.SIGINT) == signal.default_int_handler:  # ignored in the background
         signal.signal(signal.SIGINT, end)
     keep_going()
+    if "--version" in sys.argv[1:]:
+        print(f"deformrf {import_module('deformrf.core.base.paths').program_version()}")
+        return 0
     # At its end Python would look for garbage among all that the process is about to leave.
     atexit.register(gc.freeze)
     verbose = "--verbose" in sys.argv[1:]
@@ -59,7 +63,7 @@ def begin(program: str) -> int:
         return command.main()
     except SystemExit as ended:
         if not ended.code and {"-h", "--help"} & {*sys.argv[1:]}:
-            print(VERBOSE)
+            print(EVERYWHERE)
         raise
     except Exception as error:
         path = crash.write_report(program, error, recent)

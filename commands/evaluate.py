@@ -13,7 +13,7 @@ from ..core import field as fields
 from ..core import render, training
 from ..core.base.arguments import Count, File, writable_file
 from ..core.base.device import Choice, device_name
-from .running import INTERRUPTED, asked_for_version, complain, load_views, require, run
+from .running import INTERRUPTED, complain, load_views, require, run
 
 PROGRAM = "deformrf-eval"
 SPLITS = ("train", "val", "test")
@@ -52,11 +52,9 @@ class EvaluateArguments:
     """auto takes CUDA if there is any."""
 
 
-def main():
-    if asked_for_version():
-        sys.exit(0)
+def main() -> int:
     arguments = tyro.cli(EvaluateArguments, prog=PROGRAM)
-    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+    return run(PROGRAM, lambda: prepare(arguments))
 
 
 def prepare(arguments: EvaluateArguments):

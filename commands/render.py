@@ -25,7 +25,7 @@ from ..core.base.arguments import (
 )
 from ..core.base.claims import claim
 from ..core.base.device import Choice, device_name
-from ..core.base.paths import DEFAULT_MODEL, program_version
+from ..core.base.paths import DEFAULT_MODEL
 from ..core.base.reading import check_file
 from ..core.base.streams import printable
 from ..core.deform import PRESETS, Material
@@ -106,8 +106,6 @@ class RenderArguments:
     """The object's longest side [m]; by default what the model says. A session has its own."""
     log_events: Flag = False
     """Print one JSON line per event: recording, frame, written."""
-    version: Flag = False
-    """Print the version."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -205,9 +203,6 @@ def _check_output(chosen):
 
 def prepare(chosen: RenderArguments) -> Callable[[], int]:
     """Check the arguments, and load the model; returns the work."""
-    if chosen.version:
-        print(f"deformrf {program_version()}")
-        return lambda: 0
     size = check(chosen)
     refuse_data(chosen.model)
     from ..viewer.sessions import open_session

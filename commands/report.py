@@ -22,7 +22,7 @@ from ..core.base.device import Choice, device_name
 from ..core.base.paths import DEFAULT_MODEL
 from ..core.base.streams import printable
 from ..wings.lab.effort import EFFORTS, Effort
-from .running import asked_for_version, complain, require, run
+from .running import complain, require, run
 
 PROGRAM = "deformrf-report"
 TETS = 5000  # that the estimates of time are for
@@ -66,11 +66,9 @@ class Job(NamedTuple):
     section: Callable  # measures; takes a function to call with the share that is done
 
 
-def main():
-    if asked_for_version():
-        sys.exit(0)
+def main() -> int:
     arguments = tyro.cli(ReportArguments, prog=PROGRAM, config=(tyro.conf.FlagCreatePairsOff,))
-    sys.exit(run(PROGRAM, lambda: prepare(arguments)))
+    return run(PROGRAM, lambda: prepare(arguments))
 
 
 def prepare(arguments: ReportArguments) -> Callable[[], int]:

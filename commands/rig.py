@@ -5,8 +5,6 @@ rigs themselves are in rig_bind.py and rig_quality.py, those of files of other p
 rig_files.py.
 """
 
-import sys
-
 import tyro
 
 from ..core.base.device import start_warp
@@ -20,7 +18,7 @@ from .rig_files import (
     prepare_import,
 )
 from .rig_quality import QualityArguments, prepare_quality
-from .running import asked_for_version, run
+from .running import run
 
 PROGRAM = "deformrf-rig"
 COMMANDS = {  # subcommand: its arguments, and what prepares it
@@ -33,9 +31,7 @@ COMMANDS = {  # subcommand: its arguments, and what prepares it
 }
 
 
-def main():
-    if asked_for_version():
-        sys.exit(0)
+def main() -> int:
     arguments = tyro.extras.subcommand_cli_from_dict(
         {name: kind for name, (kind, _) in COMMANDS.items()},
         prog=PROGRAM,
@@ -47,4 +43,4 @@ def main():
         start_warp()
         return prepare(arguments)
 
-    sys.exit(run(PROGRAM, start))
+    return run(PROGRAM, start)

@@ -25,7 +25,7 @@ import tyro
 from ..core import training
 from ..core.base.arguments import plain_message
 from ..core.base.claims import release
-from ..core.base.paths import WriteError, program_version
+from ..core.base.paths import WriteError
 from ..core.base.streams import keep_going, printable
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
@@ -108,20 +108,10 @@ def parsed(program: str, kind: type, words: list[str] | None):
         kind: A dataclass of arguments.
         words: Of the command line; None takes those of the process.
     """
-    keep_going()
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
     arguments = tyro.cli(kind, prog=program, args=words, config=config)
     logging.basicConfig(level=logging.WARNING, format=f"{program}: %(message)s")
     return arguments
-
-
-def asked_for_version() -> bool:
-    """Print the version if --version is all that was asked for."""
-    keep_going()  # --help prints as well
-    asked = sys.argv[1:] == ["--version"]
-    if asked:
-        print(f"deformrf {program_version()}")
-    return asked
 
 
 def require(*packages: str):

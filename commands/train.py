@@ -17,11 +17,11 @@ SIZE = (1000, 700)  # of the window [points]
 TOLD_SECONDS = 0.5  # between two lines of how far a job of the viewer is
 
 
-def main():
-    train_command(prepare)
+def main() -> int:
+    return train_command(prepare)
 
 
-def main_of_job():
+def main_of_job() -> int:
     """The command for the viewer: now and then it prints a JSON line of how far it is."""
     told = [0.0]
 
@@ -31,7 +31,7 @@ def main_of_job():
             where = {"stage": pause.stage, "step": pause.step, "steps": pause.step_count}
             print(json.dumps(where), flush=True)
 
-    train_command(lambda chosen: prepare_training(chosen, on_pause))
+    return train_command(lambda chosen: prepare_training(chosen, on_pause))
 
 
 def prepare(arguments: TrainArguments) -> Callable[[], int]:

@@ -22,7 +22,6 @@ from .checking import check
 from .running import (
     FAILED,
     INTERRUPTED,
-    asked_for_version,
     complain,
     is_first,
     load_views,
@@ -113,14 +112,12 @@ class TrainArguments:
     when the window is closed."""
 
 
-def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]):
-    """Run the command, and exit.
+def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]) -> int:
+    """Run the command; returns its exit code.
 
     Args:
         prepare: Checks the arguments and returns the work, as prepare_training does.
     """
-    if asked_for_version():
-        sys.exit(0)
     arguments = tyro.cli(TrainArguments, prog=PROGRAM)
     code = run(PROGRAM, lambda: prepare(arguments))
     if "torch.distributed" in sys.modules and training.was_worker():
@@ -130,7 +127,7 @@ def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-    sys.exit(code)
+    return code
 
 
 def prepare_training(

@@ -29,7 +29,7 @@ from ..core.base.arguments import (
 )
 from ..core.base.device import Choice, begin_cuda, device_name
 from ..core.base.memory import no_garbage_collected
-from ..core.base.paths import DEFAULT_MODEL, program_version
+from ..core.base.paths import DEFAULT_MODEL
 from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
@@ -111,8 +111,6 @@ class ViewArguments:
     """View mode, color by default; error is the difference from the exact mode of rendering."""
     fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
     """Frames per second of clips."""
-    version: Flag = False
-    """Print the version."""
     doctor: Flag = False
     """Print versions, OpenGL, CUDA, how frames reach OpenGL, the video encoder."""
     photographs: PhotographArguments = field(default_factory=PhotographArguments)
@@ -219,9 +217,6 @@ def frame_size(text: str) -> tuple[int, int]:
 @no_garbage_collected()  # what is loaded is no garbage: a tenth of the start's time
 def prepare(chosen: ViewArguments) -> Callable[[], int]:
     """Check the arguments, and show the model in its first pose; returns the work."""
-    if chosen.version:
-        print(f"deformrf {program_version()}")
-        return lambda: 0
     if chosen.doctor:
         from ..viewer.doctor import report
 

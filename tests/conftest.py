@@ -208,7 +208,7 @@ def call(monkeypatch, capsys):
     def call(command, *arguments):
         monkeypatch.setattr(sys, "argv", [command.__name__, *map(str, arguments)])
         with pytest.raises(SystemExit) as caught:
-            command()
+            sys.exit(command())
         return SimpleNamespace(code=caught.value.code, **capsys.readouterr()._asdict())
 
     return call

@@ -312,7 +312,8 @@ def test_entry_points_import_nothing_slow(module):
 def test_a_viewer_s_arguments_need_no_checker_of_types():
     """For X | None tyro would import typeguard, and that 60 modules more, asyncio and ssl too."""
     program = (
-        "import sys; from deformrf.commands import view; view.main(['--version']);"
+        "import sys; from deformrf.commands import running, view;"
+        "running.parsed('x', view.ViewArguments, []);"
         "print('typeguard' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -47,7 +47,7 @@ from deformrf.core.training import load_dataset, load_points, white_composite
 from deformrf.core.training.metrics import psnr
 from deformrf.wings.capture import find_photos
 
-COMMAND = "from deformrf.commands.train import main; main()"
+COMMAND = "import sys; from deformrf.commands.train import main; sys.exit(main())"
 PICTURES = 6
 BLACK = RenderOptions(background=(0.0, 0.0, 0.0))
 HEADINGS = ("kind", "cameras", "centers", "rotations", "dB", "IoU", "upright", "s", "CPU s")

@@ -150,7 +150,7 @@ def test_a_device_that_is_missing_is_refused(call, data, model, monkeypatch, ref
 
 def test_a_command_prints_one_sentence_and_nothing_else(data, tmp_path):
     """In a process of its own, where C++ libraries may print too."""
-    program = "from deformrf.commands.evaluate import main; main()"
+    program = "import sys; from deformrf.commands.evaluate import main; sys.exit(main())"
     command = [sys.executable, "-c", program, tmp_path / "no.npz", data]
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (2, "")

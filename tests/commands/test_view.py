@@ -201,11 +201,6 @@ def test_a_slow_start_tells_of_compiling_only_while_it_compiles(
     assert capfd.readouterr().err == message
 
 
-def test_the_version_is_printed(capfd):
-    assert command.main(["--version"]) == 0
-    assert capfd.readouterr().out.startswith("deformrf ")
-
-
 def test_options_have_at_most_twelve_fields():
     from dataclasses import fields
 

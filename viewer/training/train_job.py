@@ -23,7 +23,7 @@ from ..files import readable
 
 PATIENCE = 120.0  # s that the process has to write its work
 LOWER_PRIORITY = 10  # the viewer's frames come first
-CODE = f"{NOT_HERE}from {PACKAGE}.commands.train import main_of_job; main_of_job()"
+CODE = f"{NOT_HERE}from {PACKAGE}.commands.train import main_of_job; sys.exit(main_of_job())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
 LONGEST_LINE = 400  # characters that are shown
 

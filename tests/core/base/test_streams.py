@@ -13,7 +13,8 @@ from deformrf.core.field import load
 
 WORK = """
 import sys
-from deformrf.commands.running import asked_for_version, complain, run
+from deformrf.commands.running import complain, run
+from deformrf.core.base.streams import keep_going
 from rich.progress import track
 def job():
     for i in track(range(3)):
@@ -23,7 +24,7 @@ def job():
     open(sys.argv[1], "w").write("done")
     print("the end")
     return 0
-asked_for_version()
+keep_going()
 sys.exit(run("x", lambda: job))
 """
 
