@@ -19,11 +19,10 @@ sys.modules[{PACKAGE!r}].__path__ = [{ROOT!r}]
 """
 
 
-def start(command: list[str], **options):
-    """A running Python, as a subprocess.Popen.
+def start(code: str, *arguments: str, **options):
+    """A Python that runs code with arguments, as a subprocess.Popen.
 
     Args:
-        command: [sys.executable, "-c", code, *arguments].
         options: Of subprocess.Popen.
 
     Raises:
@@ -31,11 +30,9 @@ def start(command: list[str], **options):
     """
     import subprocess  # a start of the viewer does without it
 
-    python, flag, code, *arguments = command
-    assert (python, flag) == (sys.executable, "-c"), command
     folders = [f for f in _without_current(sys.path) if os.path.isabs(f) and os.pathsep not in f]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
-    command = [python, "-P", flag, SAME_PACKAGE + code, *arguments]
+    command = [sys.executable, "-P", "-c", SAME_PACKAGE + code, *arguments]
     return subprocess.Popen(command, env=environment, **options)
 
 

@@ -8,7 +8,6 @@ says why it failed.  It ends a film that it is told to end (SIGTERM), which can 
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -118,16 +117,17 @@ class FilmJob:
         try:
             with tempfile.TemporaryDirectory(prefix="deformrf-", ignore_cleanup_errors=True) as at:
                 model = _exact_copy(field, Path(at) / f"{name}.npz")
-                self._run([sys.executable, "-c", CODE, str(model), *arguments])
+                self._run(str(model), *arguments)
         except Exception as error:  # the viewer goes on
             self.problem = f"the film can't be rendered: {error}"
         self.ended = True
 
-    def _run(self, command):
+    def _run(self, *arguments):
         if self._cancelled:
             return
         process = self._process = start(
-            command,
+            CODE,
+            *arguments,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -135,7 +135,8 @@ class TrainJob:
 
     def _run(self):
         process = self._process = start(
-            [sys.executable, "-c", CODE, *self.offer.arguments],
+            CODE,
+            *self.offer.arguments,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -6,7 +6,6 @@ find several groups of photographs that nothing connects; the largest is taken.
 """
 
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -136,7 +135,7 @@ def global_mapping(work: Work, begin) -> list:
     with begin("Finding more cameras", len(work.photos)) as advance:
         with work.temporary_folder() as folder:
             arguments = [str(work.database_path), folder, str(SMALLEST_GROUP), str(SEED)]
-            run_alone([sys.executable, "-c", GLOBAL_MAPPING, *arguments])
+            run_alone(GLOBAL_MAPPING, *arguments)
             groups = sorted(path for path in Path(folder).iterdir() if path.is_dir())
             try:
                 found = [pycolmap.Reconstruction(str(path)) for path in groups]
@@ -146,10 +145,10 @@ def global_mapping(work: Work, begin) -> list:
     return found
 
 
-def run_alone(command: list[str]):
-    """Run a process without input and output; an interrupt ends it, too."""
+def run_alone(code: str, *arguments: str):
+    """Run Python without input and output; an interrupt ends it, too."""
     nothing = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    with start(command, **nothing) as process:
+    with start(code, *arguments, **nothing) as process:
         try:
             while process.poll() is None:
                 try:

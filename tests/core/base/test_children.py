@@ -25,7 +25,7 @@ WHERE = """
 import sys
 from deformrf.core.base.children import start
 code = "import sys, numpy, PIL, json, deformrf.core.base.streams as s; print(s.__file__, *sys.path)"
-with start([sys.executable, "-c", code], stdout=-1, stderr=-2, text=True) as process:
+with start(code, stdout=-1, stderr=-2, text=True) as process:
     print(process.communicate()[0], "--", process.args)
 """
 

@@ -8,7 +8,6 @@ the interpreter's first line; memory is the peak of the process from Linux's
 
 import json
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -79,9 +78,8 @@ def start_switches(path: Path, device, turns: int) -> list[Switch]:
 
 def run_python(program, *arguments):
     """Run a program in a fresh interpreter; return its output, parsed as JSON."""
-    command = [sys.executable, "-c", program, *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    with start(command, text=True, **pipes) as process:
+    with start(program, *arguments, text=True, **pipes) as process:
         try:
             printed, errors = process.communicate()
         except BaseException:
