@@ -66,7 +66,7 @@ from .networks.density_rows import (
 )
 from .networks.torch import TorchNetworks as TorchNetworks
 from .networks.dispatch import (
-    evaluators as evaluators,
+    Evaluators as Evaluators,
     torch_finds_a_gpu as torch_finds_a_gpu,
 )
 from .networks.mma import networks_kernel as networks_kernel

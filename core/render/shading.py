@@ -16,10 +16,10 @@ from ..field import (
     CONSTANT_BASIS,
     GEOMETRY_FEATURES,
     SUBTET_COUNT,
+    Evaluators,
     TetField,
     basis_vector,
     encode_kernel,
-    evaluators,
     make_tables,
     node_table,
     subtet_corners,
@@ -41,7 +41,7 @@ class Shading:
 
     Attributes:
         on_cpu: Its native code; None on CUDA.
-        in_place: That of the `evaluators`, for rounds that do not wait for the host; None on a CPU.
+        in_place: That of the `Evaluators`, for rounds that do not wait for the host; None on a CPU.
     """
 
     def __init__(self, field: TetField, rotations, device):
@@ -50,7 +50,7 @@ class Shading:
         self.tables = make_tables(field.mesh, field.layout, device)
         self.in_place = self.on_cpu = None
         if device.is_cuda:
-            self._networks = evaluators(field, device)
+            self._networks = Evaluators(field, device)
             self.in_place = self._networks.in_place
         else:
             self.on_cpu = CpuShader(self)

@@ -10,12 +10,10 @@ Viewing must work without torch: if torch is missing or finds no GPU, the render
 bfloat16, less accurate than float16.  The same native code renders images on a CPU.
 Training does not use this module; it calls TorchNetworks.evaluate.
 
-Shapes: N samples, L levels, l <= L of them encoded.
+Shapes: N samples, L levels.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
+from contextlib import contextmanager
 
 import warp as wp
 
@@ -23,26 +21,8 @@ from ..field import TetField
 from . import mma
 
 
-@dataclass(frozen=True)
-class Evaluators:
-    """The two networks of a field on a CUDA device; arrays are Warp's.
-
-    Attributes:
-        geometry: geometry(features [N, l] vec4, half) -> sigma [N], h [N, 16].
-        colors: colors(h [N, 16], basis [N] basis_vector, half) -> rgb [N].
-        in_place: What evaluates them without allocating or waiting for anything, see mma.py; None
-            where only torch does.
-
-    With `half`, they compute in half precision if the device gains by it.
-    """
-
-    geometry: Callable
-    colors: Callable
-    in_place: mma.TensorCoreNetworks | None = None
-
-
 def torch_finds_a_gpu() -> bool:
-    """Whether the networks of `evaluators` that are not `in_place` can be evaluated."""
+    """Whether the networks of `Evaluators` that are not `in_place` can be evaluated."""
     try:
         import torch
     except ModuleNotFoundError:  # as after an installation for viewing alone
@@ -50,38 +30,44 @@ def torch_finds_a_gpu() -> bool:
     return torch.cuda.is_available()  # a CPU build of torch finds none
 
 
-def evaluators(field: TetField, device: wp.Device) -> Evaluators:
-    """How to evaluate both networks of a field (TetField) on a CUDA device."""
-    in_place = mma.TensorCoreNetworks(field, device) if mma.fits(field, device) else None
+class Evaluators:
+    """Both networks of a field on a CUDA device, with `half` in half precision; arrays are Warp's.
 
-    @cache
-    def networks(half):
-        from .torch import TorchNetworks
+    Attributes:
+        in_place: What evaluates them without allocating or waiting for anything, see mma.py; None
+            where only torch does.
+    """
 
-        whole = TorchNetworks(field.density_layers, field.color_layers)
-        whole = whole.to(f"cuda:{device.ordinal}")
-        return whole.half() if half else whole
+    def __init__(self, field: TetField, device: wp.Device):
+        self.in_place = mma.TensorCoreNetworks(field, device) if mma.fits(field, device) else None
+        self._field, self._device = field, device
+        self._networks = {}  # by precision
 
-    # On Warp's stream, so that kernels and layers follow each other without waiting.
-    def on_warp_stream(torch):
-        return torch.cuda.stream(wp.stream_to_torch(wp.get_stream(device)))
-
-    def geometry(features, half):
-        import torch
-
-        with torch.no_grad(), on_warp_stream(torch):
+    def geometry(self, features, half: bool):
+        """sigma [N] and h [N, 16] of features [N, L] vec4."""
+        with self._of_torch(half) as networks:
             x = wp.to_torch(features).flatten(1)
-            missing = networks(half).density[0].in_features - x.shape[1]
-            x = torch.nn.functional.pad(x, (0, missing)) if missing else x
-            h = networks(half).density_features(x.half() if half else x)
-            return wp.from_torch(networks(half).sigma(h)), wp.from_torch(h.float())
+            h = networks.density_features(x.half() if half else x)
+            return wp.from_torch(networks.sigma(h)), wp.from_torch(h.float())
 
-    def colors(h, basis, half):
-        import torch
-
-        with torch.no_grad(), on_warp_stream(torch):
+    def colors(self, h, basis, half: bool):
+        """rgb [N] of h [N, 16] and basis [N] basis_vector."""
+        with self._of_torch(half) as networks:
             h = wp.to_torch(h)
-            rgb = networks(half).colors(h.half() if half else h, wp.to_torch(basis))
+            rgb = networks.colors(h.half() if half else h, wp.to_torch(basis))
             return wp.from_torch(rgb, dtype=wp.vec3)
 
-    return Evaluators(geometry, colors, in_place)
+    @contextmanager
+    def _of_torch(self, half):
+        """The networks in torch, on Warp's stream: launches and layers follow without waiting."""
+        import torch
+
+        from .torch import TorchNetworks
+
+        stream = torch.cuda.stream(wp.stream_to_torch(wp.get_stream(self._device)))
+        with torch.no_grad(), stream:
+            if half not in self._networks:
+                networks = TorchNetworks(self._field.density_layers, self._field.color_layers)
+                networks = networks.to(f"cuda:{self._device.ordinal}")
+                self._networks[half] = networks.half() if half else networks
+            yield self._networks[half]

@@ -10,7 +10,7 @@ from both_networks import evaluate
 
 from deformrf.core.base.paths import ROOT
 from deformrf.core.definition.networks import sigmoid, spherical_harmonics
-from deformrf.core.field import TorchNetworks, basis_of, basis_vector, evaluators
+from deformrf.core.field import Evaluators, TorchNetworks, basis_of, basis_vector
 from deformrf.core.field.networks.shapes import has_usual_shape
 from deformrf.core.field.networks.torch import TruncatedExp
 
@@ -69,18 +69,18 @@ def test_torch_and_numpy_networks_agree(make_ball_field, hidden):
 @pytest.mark.parametrize("hidden", [(64,), (64, 64, 64), (32,)])
 @pytest.mark.parametrize("half", [False, True])
 def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, hidden, half):
-    """Networks of any shape, without the finest level."""
+    """Networks of any shape."""
     rng, device = np.random.default_rng(), wp.get_device("cuda:0")
     field = make_ball_field(int(rng.integers(1000)), density_hidden=hidden)
-    count, levels = 700, 5
+    count, levels = 700, 6
     features = rng.normal(size=(count, levels, 4)).astype(np.float32)
     basis = spherical_harmonics(random_directions(count)).astype(np.float32)
-    networks = evaluators(field, device)
+    networks = Evaluators(field, device)
     sigma, h = networks.geometry(wp.array(features, dtype=wp.vec4, device=device), half)
     rgb = networks.colors(h, wp.array(basis, dtype=basis_vector, device=device), half)
-    whole = np.concatenate([features.reshape(count, -1), np.zeros((count, 4))], axis=1)
+    layers = field.density_layers, field.color_layers
     expected_sigma, expected_rgb = evaluate(
-        whole, basis.astype(float), field.density_layers, field.color_layers
+        features.reshape(count, -1), basis.astype(float), *layers
     )
     tolerance = 3e-2 if half else 1e-3
     logs = np.log(sigma.numpy()), np.log(expected_sigma)
@@ -91,7 +91,7 @@ def test_the_evaluator_of_a_device_agrees_with_the_reference(make_ball_field, hi
 @pytest.mark.gpu
 def test_no_samples_have_no_values(make_ball_field):
     device = wp.get_device("cuda:0")
-    networks = evaluators(make_ball_field(1), device)
+    networks = Evaluators(make_ball_field(1), device)
     sigma, h = networks.geometry(wp.empty((0, 6), dtype=wp.vec4, device=device), False)
     rgb = networks.colors(h, wp.empty(0, dtype=basis_vector, device=device), False)
     assert (sigma.shape, h.shape, rgb.shape) == ((0,), (0, 16), (0,))
@@ -101,7 +101,7 @@ def test_no_samples_have_no_values(make_ball_field):
 @pytest.mark.parametrize("hidden, fused", [((64,), True), ((64, 64), False), ((32,), False)])
 def test_only_the_usual_shape_runs_in_place(make_ball_field, hidden, fused):
     field = make_ball_field(1, density_hidden=hidden)
-    assert (evaluators(field, wp.get_device("cuda:0")).in_place is not None) == fused
+    assert (Evaluators(field, wp.get_device("cuda:0")).in_place is not None) == fused
 
 
 def test_the_usual_shape():
