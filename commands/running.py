@@ -7,7 +7,6 @@ it has written the results so far.
 
 import _thread
 import errno
-import importlib
 import importlib.util
 import logging
 import os
@@ -176,16 +175,6 @@ def _interrupt():
         else:
             _thread.interrupt_main(number)
         return
-
-
-def load_whole(package: str):
-    """Import a package, and let an interrupt wait meanwhile.
-
-    What an exception ends halfway can't be imported again: whatever asks for it next, such as an
-    `except` that names a class of ours, fails with an error that nobody understands.
-    """
-    with interrupts_waiting():
-        importlib.import_module(package)
 
 
 @contextmanager

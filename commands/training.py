@@ -23,9 +23,9 @@ from .running import (
     FAILED,
     INTERRUPTED,
     complain,
+    interrupts_waiting,
     is_first,
     load_views,
-    load_whole,
     require,
     run,
 )
@@ -156,21 +156,21 @@ def prepare_training(
         return lambda: check(arguments.data, output, arguments.outside_images)
     train_views = load_train_views(arguments, options, resumed)
     test_views = load_test_views(arguments)
-    load_whole("torch")
+    with interrupts_waiting():  # what an exception ends halfway can't be imported again
+        import torch  # noqa: F401
     device = device_name(arguments.device, for_training=True)
     existed = output.exists()
 
     def job():
         if is_first():
             announce(arguments, device, checkpoint_path)
-        name = arguments.data.resolve().name
         try:
             with training.torchrun_workers(device) as workers:
                 trained = training.train(
                     train_views,
                     options,
                     device,
-                    name,
+                    arguments.data.resolve().name,
                     checkpoint_path,
                     resumed,
                     on_pause=on_pause,

@@ -1,5 +1,6 @@
 """How commands end: exit codes, errors in one sentence, several processes."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -92,7 +93,8 @@ def test_a_signal_waits_while_a_package_is_imported(number, tmp_path, monkeypatc
     before = signal.signal(number, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            running.load_whole(name)
+            with running.interrupts_waiting():
+                importlib.import_module(name)
         assert signal.getsignal(number) == signal.default_int_handler
     finally:
         signal.signal(number, before)
