@@ -147,8 +147,7 @@ def check(chosen: RenderArguments) -> tuple[int, int]:
     object_size("--object-size", chosen.object_size)
     if chosen.session is not None and chosen.object_size is not None:
         raise ValueError("--session has the object's size: leave --object-size out")
-    if chosen.frames is not None:
-        at_least(1, "--frames", chosen.frames)
+    at_least(1, "--frames", chosen.frames)
     _check_times(chosen)
     for path in filter(None, (chosen.camera, chosen.pose)):
         if path.exists() and not path.is_dir():  # known before a model is loaded for it
@@ -178,10 +177,9 @@ def _check_times(chosen):
     if chosen.shutter and chosen.samples == 1:
         raise ValueError("--shutter spreads the images of --samples: give 2 or more, as 16")
     for name, tick in (("--from", chosen.first), ("--to", chosen.last)):
-        if tick is not None:
-            at_least(0, name, tick)
-            if chosen.session is None:
-                raise ValueError(f"{name} is a tick of a session: it needs --session")
+        at_least(0, name, tick)
+        if tick is not None and chosen.session is None:
+            raise ValueError(f"{name} is a tick of a session: it needs --session")
     if None not in (chosen.first, chosen.last) and chosen.last < chosen.first:
         raise ValueError(f"--to is {chosen.last}, before --from, which is {chosen.first}")
 

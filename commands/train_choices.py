@@ -30,9 +30,8 @@ def train_options(arguments):
     Raises:
         ValueError: A flag has a bad value.
     """
-    if arguments.seed is not None:
-        at_least(0, "--seed", arguments.seed)
-        at_most(LARGEST_SEED, "--seed", arguments.seed)
+    at_least(0, "--seed", arguments.seed)
+    at_most(LARGEST_SEED, "--seed", arguments.seed)
     positive("--scene-radius", arguments.scene_radius)
     low, high = SPACINGS
     if arguments.spacing is not None and not low <= arguments.spacing <= high:
@@ -49,10 +48,9 @@ def train_options(arguments):
         if values[name] is None:
             del values[name]
     options = training.preset(arguments.preset, **values)
-    if arguments.steps is None:
-        return options
+    at_least(2, "--steps", arguments.steps)
     at_most(MOST_STEPS, "--steps", arguments.steps)
-    return with_steps(options, at_least(2, "--steps", arguments.steps))
+    return options if arguments.steps is None else with_steps(options, arguments.steps)
 
 
 def with_steps(options, steps: int):

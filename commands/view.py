@@ -138,8 +138,7 @@ def check(arguments: ViewArguments) -> None:
     data = arguments.photographs.data
     if data is not None and not data.is_dir():
         raise ValueError(f"--data is {data}: give the folder of a data set")
-    if run.frames is not None:
-        at_least(1, "--frames", run.frames)
+    at_least(1, "--frames", run.frames)
     if run.drag is not None and not run.headless:
         raise ValueError("--drag plays without a mouse: it needs --headless")
     if run.headless and run.record is None and run.screenshot is None:

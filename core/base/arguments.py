@@ -34,34 +34,30 @@ def plain_message(error: Exception) -> str:
     return str(error)
 
 
-def at_least(smallest: int, name: str, value: int) -> int:
-    """The value; a ValueError that calls it by its name if it is smaller."""
-    if value < smallest:
+def at_least(smallest: int, name: str, value: int | None) -> None:
+    """A ValueError that calls the value by its name if it is smaller; None is good."""
+    if value is not None and value < smallest:
         raise ValueError(f"{name} is {value}: it has to be at least {smallest}")
-    return value
 
 
-def at_most(largest: int, name: str, value: int) -> int:
-    """The value; a ValueError that calls it by its name if it is larger."""
-    if value > largest:
+def at_most(largest: int, name: str, value: int | None) -> None:
+    """A ValueError that calls the value by its name if it is larger; None is good."""
+    if value is not None and value > largest:
         raise ValueError(f"{name} is {value}: it has to be at most {largest}")
-    return value
 
 
-def object_size(name: str, meters: float | None) -> float | None:
-    """The length [m]; a ValueError that calls it by its name if no object has it."""
+def object_size(name: str, meters: float | None) -> None:
+    """A ValueError that calls the length by its name if no object has it; None is good."""
     if meters is not None and not SMALLEST_SIZE <= meters <= LARGEST_SIZE:
         raise ValueError(
             f"{name} is {meters}: it has to be from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
         )
-    return meters
 
 
-def positive(name: str, value: float | None) -> float | None:
-    """The value; a ValueError that calls it by its name if it isn't a positive number."""
+def positive(name: str, value: float | None) -> None:
+    """A ValueError that calls the value by its name if it isn't a positive number; None is good."""
     if value is not None and not 0.0 < value < float("inf"):
         raise ValueError(f"{name} is {value}: it has to be a positive number")
-    return value
 
 
 def with_size(field, meters: float | None):
