@@ -49,7 +49,6 @@ def prepare(arguments: TrainArguments) -> Callable[[], int]:
     if int(os.environ.get("WORLD_SIZE", 1)) > 1:
         raise ValueError("--view shows the run of one process: leave out --view, or torchrun")
     require("torch", "pyglet", "moderngl", "imgui_bundle")
-    logging.basicConfig(level=logging.WARNING, format="deformrf-train: %(message)s")
     from ..viewer.training import LiveRun
 
     name = arguments.data.resolve().name

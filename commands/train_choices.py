@@ -38,16 +38,14 @@ def train_options(arguments):
         raise ValueError(
             f"--spacing is {arguments.spacing}: it has to be from {low} to {high} of the box"
         )
-    values = {name: getattr(arguments, name) for name in SAME_NAMED}
     low, high = COLOR_WIDTHS
     if arguments.color_width is not None and not low <= arguments.color_width <= high:
         raise ValueError(f"--color-width is {arguments.color_width}: give {low} to {high}")
     if arguments.color_width is not None and "ray-color" in arguments.leave_out:
         raise ValueError("--color-width is for the color of a ray, which --leave-out leaves out")
-    for name in ("seed", "spacing", "color_width"):
-        if values[name] is None:
-            del values[name]
-    options = training.preset(arguments.preset, **values)
+    given = {name: getattr(arguments, name) for name in SAME_NAMED}
+    given = {name: value for name, value in given.items() if value is not None}
+    options = training.preset(arguments.preset, **given)
     at_least(2, "--steps", arguments.steps)
     at_most(MOST_STEPS, "--steps", arguments.steps)
     return options if arguments.steps is None else with_steps(options, arguments.steps)
