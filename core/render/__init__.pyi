@@ -1,4 +1,4 @@
-from .render import Image as Image, Renderer as Renderer
+from .render import Image as Image, Renderer as Renderer, visible_field as visible_field
 from .render_options import MODES as MODES, Mode as Mode, RenderOptions as RenderOptions
 from .modes import caption as caption, render_mode as render_mode
 from .rays.camera import (
@@ -11,7 +11,6 @@ from .rays.camera import (
 )
 from .rays.lens import Lens as Lens, distort as distort, has_rays as has_rays, pinhole as pinhole
 from .preview import preview as preview
-from .visible import visible_field as visible_field
 
 # For the rooms next door.
 from .render_options import default_stop as default_stop

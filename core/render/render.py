@@ -13,7 +13,7 @@ threads renders tiles of the image.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,7 @@ import warp as wp
 
 from ..base.device import thread_count
 from ..field import TetField, check_finite
+from ..geometry import morton_order
 from .overlap.merging import PieceMerger
 from .overlap.search import Overlap
 from .rays.approach import ball_around, begin_at_ball, is_far, move_aside, moved_aside
@@ -33,7 +34,6 @@ from .rounds.compositing import empty_pixels, resolve
 from .rounds.host import HostRounds
 from .shading import Shading
 from .stage_timer import StageTimer
-from .visible import visible_field
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
 CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
@@ -43,6 +43,38 @@ CUDA_TILE_RAYS = 1 << 20
 WAVEFRONT_PIXELS = 1 << 16  # a wavefront holds a multiple of these
 
 wp.set_module_options({"enable_backward": False})
+
+
+def visible_field(field: TetField) -> tuple[TetField, np.ndarray]:
+    """A field without its empty tets: those that have no occupied sub-tet.
+
+    They give the object its solid interior in the dynamics, but rays would only lose time in them:
+    without them a ray enters the mesh where the density begins, and leaves it where that ends.
+    All vertices stay, so that poses of the field fit it.  One tet stays if all are empty.
+
+    Returns:
+        The field, whose tets are sorted along a space-filling curve (Morton's), so that neighbors
+        are close in memory; and the old id of each of these tets [K] int32.
+    """
+    mesh = field.mesh
+    seen = field.occupancy != 0
+    if not seen.any():
+        seen[:1] = True
+    ids = np.flatnonzero(seen)
+    middles = mesh.rest_vertices[mesh.tets[ids]].mean(axis=1)
+    low, high = middles.min(axis=0), middles.max(axis=0)
+    ids = ids[morton_order(((middles - low) / np.maximum(high - low, 1e-30) * 1023).astype(int))]
+    new_ids = np.full(mesh.tet_count + 1, -1, np.int32)  # the last one is for -1, outside
+    new_ids[ids] = np.arange(len(ids), dtype=np.int32)
+    layout = replace(field.layout, node_ids=tuple(nodes[ids] for nodes in field.layout.node_ids))
+    visible = replace(
+        field,
+        mesh=replace(mesh, tets=mesh.tets[ids]),
+        neighbours=new_ids[field.neighbours[ids]],
+        occupancy=field.occupancy[ids],
+        layout=layout,
+    )
+    return visible, ids.astype(np.int32)
 
 
 @dataclass
