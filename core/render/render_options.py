@@ -46,13 +46,6 @@ class RenderOptions:
         """Whether networks may be evaluated in half precision, where the device has it."""
         return not (self.conformance or self.single_precision)
 
-    @property
-    def stop(self) -> float:
-        """Transmittance below which a ray ends; `checked` has replaced None."""
-        if self.termination is None:
-            return default_stop(False, self.conformance)
-        return self.termination
-
 
 def default_stop(deferred: bool, conformance: bool = False) -> float:
     """Transmittance below which a ray ends by default.
@@ -87,8 +80,8 @@ def checked(options: RenderOptions | None, field_options) -> RenderOptions:
         )
     if not 0.0 < options.step_factor < float("inf"):
         raise ValueError(f"step_factor is {options.step_factor}; give a positive number")
-    if not 0.0 <= options.stop < 1.0:
-        raise ValueError(f"termination is {options.stop}; give a number from 0 to below 1")
+    if not 0.0 <= options.termination < 1.0:
+        raise ValueError(f"termination is {options.termination}; give a number from 0 to below 1")
     if options.path not in get_args(RayPath):
         raise ValueError(f'path is "{options.path}"; take one of {", ".join(get_args(RayPath))}')
     return options

@@ -18,6 +18,7 @@ from deformrf.core.render import (
     Renderer,
     RenderOptions,
     camera_rays,
+    default_stop,
     from_field_of_view,
     look_at,
 )
@@ -165,7 +166,8 @@ def test_every_pose_renders_as_defined(assert_conforms, posed, pose):
     default, _, _ = renderer.render_rays(*both, options)
     assert np.isfinite(default).all()
     if not renderer.device.is_cuda:  # half precision adds to it
-        behind = options.stop + CONFORMANCE.stop  # all that is behind the ends of rays
+        # All that is behind the ends of rays.
+        behind = default_stop(False) + default_stop(False, conformance=True)
         assert np.abs(default - color).max() < behind
     # From inside all rays end early, and random contents are not alike behind and before.
     least = 42.0 if pose == "camera inside" else 45.0

@@ -161,7 +161,7 @@ class CpuShader:
         native.level_count = options.level_count or self._field.layout.level_count
         native.has_directions = int(self._field.options.view_dependence)
         native.in_pairs = int(options.half)
-        native.stop, native.closing = options.stop, int(not exact)
+        native.stop, native.closing = options.termination, int(not exact)
         native.least_weight = 0.0 if exact else LEAST_WEIGHT
         size = CHUNK * (SAMPLE_BYTES // 4 + 4 * native.level_count)
         joined = GEOMETRY_FEATURES + BASIS_COUNT  # as floats, and as pairs
@@ -250,7 +250,7 @@ class CpuRounds:
     def march(self, rays: Rays, alive, slot_count, pixels: Pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
         round = empty_round(alive, len(alive), len(alive) * slot_count)
-        inputs = [self._pose.geometry, rays, round, options.stop, pixels.transmittance]
+        inputs = [self._pose.geometry, rays, round, options.termination, pixels.transmittance]
         wp.launch(march_some_kernel, 1, inputs, device="cpu")
         return round.samples, round.counts
 

@@ -89,7 +89,7 @@ class HostRounds:
             still_alive_count = wp.zeros(1, dtype=int, device=device)
             closing = int(not options.conformance)
             sums = pixels.sums if len(pixels.sums) else pixels.color
-            inputs = [sigma, values, found, rays.tet, options.stop, closing, pixels, sums]
+            inputs = [sigma, values, found, rays.tet, options.termination, closing, pixels, sums]
             outputs = [still_alive, still_alive_count]
             wp.launch(accumulate_kernel, count, inputs, outputs, device=device)
             return still_alive[: int(still_alive_count.numpy()[0])], len(sigma)

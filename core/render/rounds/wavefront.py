@@ -121,7 +121,7 @@ class Wavefront:
             return
         self._take(camera, rows, options)
         count = self._likely_rounds(PLAIN)
-        key = count, width, whole, options.step_factor, options.stop, options.level_count
+        key = count, width, whole, options.step_factor, options.termination, options.level_count
         recorded = self._whole.pop(key, None) or Recorded(self.device)
         if len(self._whole) == MOST_GRAPHS:
             del self._whole[next(iter(self._whole))]  # the one that was launched longest ago
@@ -191,7 +191,7 @@ class Wavefront:
         if not self.device.is_cuda or stage.seconds is not None:
             self._launch_round(way, options, stage)
             return
-        key = way, options.step_factor, options.stop, options.level_count
+        key = way, options.step_factor, options.termination, options.level_count
         if key not in self._graphs:
             self._launch_round(way, options, stage)  # compiles
             with wp.ScopedCapture(self.device, force_module_load=False) as capture:
@@ -213,7 +213,7 @@ class Wavefront:
         used_level_count = options.level_count or self._level_count
         if way is PLAIN and self._deferred and self.device.is_cuda:
             with stage("networks"):
-                self._launch_shading(used_level_count, options.stop)
+                self._launch_shading(used_level_count, options.termination)
             return
         if self._deferred and self.device.is_cuda:
             with stage("networks"):
@@ -221,7 +221,7 @@ class Wavefront:
         else:
             self._launch_networks(used_level_count, stage)
         with stage("composite"):
-            inputs = [options.stop, buffers, *way.more]
+            inputs = [options.termination, buffers, *way.more]
             self._launch(way.composite, self.capacity, inputs)
 
     @contextmanager
@@ -277,8 +277,8 @@ class Wavefront:
             inputs = [transmittance, buffers.sums, self._constant_direction, buffers.means]
             self._launch(ray_color.means_kernel, count, inputs)
             self._networks.colors(buffers.means, transmittance, count, buffers.rgb)
-            inputs = [transmittance, buffers.rgb, options.stop, buffers.background, buffers.color]
-            self._launch(ray_color.paint_kernel, count, inputs)
+            inputs = [transmittance, buffers.rgb, options.termination, buffers.background]
+            self._launch(ray_color.paint_kernel, count, [*inputs, buffers.color])
 
     def _launch(self, kernel, dim, inputs):
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=slots.BLOCK_SIZE)

@@ -212,7 +212,7 @@ def test_light_samples_lend_their_weight_to_others(round_of):
 
 
 def test_rounds_without_samples_leave_the_pixels_alone(round_of):
-    options = RenderOptions()
+    options = RenderOptions(termination=0.03)
     renderer, rays, _, _, pixels, _ = round_of(options)
     before = pixels.color.numpy().copy(), pixels.transmittance.numpy().copy()
     alive = wp.array([3, 5], dtype=int, device="cpu")

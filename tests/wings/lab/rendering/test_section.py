@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from deformrf.core.render import Renderer, RenderOptions, camera_rays
+from deformrf.core.render import Renderer, RenderOptions, camera_rays, default_stop
 from deformrf.core.render.render_options import checked
 from deformrf.wings.lab.effort import EFFORTS
 from deformrf.wings.lab.rendering import pictures
@@ -75,17 +75,18 @@ def test_settings_differ_and_only_default_mode_s_are_candidates(renderer):
     assert {setting.family for setting in others} <= set(rendering.COLORS)
     for setting in found:
         taken = checked(setting.options, renderer.field.options)
-        assert taken.stop == setting.options.stop
+        assert setting.options.termination in (None, taken.termination)
         exact = setting.options.conformance or setting.options.step_factor != 1.0
         assert setting.candidate != exact
 
 
 def test_exactness_costs_what_it_is_known_to(renderer):
     """A ray that ends earlier has fewer samples, and is farther from one that doesn't."""
-    stops = [stop for stop in TERMINATIONS if stop != RenderOptions().stop]
+    usual = default_stop(False)
+    stops = [stop for stop in TERMINATIONS if stop != usual]
     rows = named(renderer, "default", "conformance", *(f"stop {stop:g}" for stop in stops))
     assert rows["conformance"].psnr > rows["default"].psnr > rows["stop 0.2"].psnr + 3.0
-    rows[f"stop {RenderOptions().stop:g}"] = rows["default"]
+    rows[f"stop {usual:g}"] = rows["default"]
     for longer, shorter in pairwise(rows[f"stop {stop:g}"] for stop in TERMINATIONS):
         assert shorter.psnr < longer.psnr + 0.3  # rounding to bytes may help one
         assert shorter.samples <= longer.samples
