@@ -24,7 +24,7 @@ import tyro
 from ..core import training
 from ..core.base.arguments import plain_message
 from ..core.base.claims import release
-from ..core.base.paths import WriteError
+from ..core.base.paths import WriteError, program_version
 from ..core.base.streams import keep_going, printable
 
 FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
@@ -37,22 +37,22 @@ FIRST_SECONDS = 10.0  # how much longer the first of several processes may take 
 SHORTAGES = {"ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EIO", "EMFILE", "ENFILE", "ENOMEM"}
 # In the errors of Warp and torch.
 OUT_OF_MEMORY = ("Failed to allocate", "out of memory", "DefaultCPUAllocator")
-WHOLE = "deformrf (in a checkout: make venv)"
-# Packages that may be missing ("make demo" installs only what viewing needs): what each does,
-# and what to install.
+# Packages that may be missing: what each does, and the extra of pyproject.toml that has it.
 PACKAGES = {
-    "torch": ("trains models", WHOLE),
-    "scipy": ("measures models", WHOLE),
-    "matplotlib": ("draws the report's figures", WHOLE),
-    "markdown_it": ("writes the report's page", WHOLE),
-    "pycolmap": ("finds the cameras of photographs", "'deformrf[colmap]'"),
-    "lpips": ("computes LPIPS", "'deformrf[lpips]'"),
-    "meshio": ("writes .vtu files", "'deformrf[exchange]'"),
-    "pxr": ("writes USD files", "'deformrf[exchange]' (its name there is usd-core)"),
-    "pyglet": ("opens the window", WHOLE),
-    "moderngl": ("draws in the window", WHOLE),
-    "imgui_bundle": ("draws the panels", WHOLE),
-    "torchvision": ("has the network of LPIPS", "'deformrf[lpips]'"),
+    "torch": ("trains models", "train"),
+    "scipy": ("finds objects in photographs and measures models", "report"),
+    "pycolmap": ("finds the cameras of photographs", "colmap"),  # "train" has it where wheels are
+    "matplotlib": ("draws the report's figures", "report"),
+    "markdown_it": ("writes the report's page", "report"),
+    "lpips": ("computes LPIPS", "lpips"),
+    "torchvision": ("has the network of LPIPS", "lpips"),
+    "meshio": ("writes .vtu files", "exchange"),
+    "pxr": ("writes USD files", "exchange"),
+    # Dependencies, which pip may have been told to leave out.
+    "pyglet": ("opens the window", ""),
+    "moderngl": ("draws in the window", ""),
+    "imgui_bundle": ("draws the panels", ""),
+    "av": ("writes films", ""),
 }
 
 
@@ -79,8 +79,7 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
         name = (error.name or "").partition(".")[0]
         if name not in PACKAGES:
             raise
-        purpose, target = PACKAGES[name]
-        sentence = f"{name}, which {purpose}, is not installed: pip install {target}"
+        sentence = how_to_install(name)
     except (ValueError, OSError, MemoryError) as error:
         if job and not _can_be_mended(error):
             raise
@@ -98,6 +97,17 @@ def run(program: str, prepare: Callable[[], Callable[[], int]]) -> int:
     if is_first() or _outlives_first():
         complain(program, sentence)
     return INPUT_ERROR
+
+
+def how_to_install(package: str) -> str:
+    """Say what a package of PACKAGES does, and how to get it: the program is on no index."""
+    purpose, extra = PACKAGES[package]
+    brackets = f"[{extra}]" if extra else ""
+    wheel = f"deformrf-{program_version()}-py3-none-any.whl"
+    return (
+        f"{package}, which {purpose}, is not installed: "
+        f'pip install ".{brackets}" in the clone, or pip install "{wheel}{brackets}"'
+    )
 
 
 def parsed(program: str, kind: type, words: list[str] | None):

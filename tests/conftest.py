@@ -38,6 +38,7 @@ LONG = (
     "viewer/test_app.py",
     "core/base/test_children.py",
     "core/training/run/test_optimization.py",
+    "test_packaging.py",
 )
 TESTS = Path(__file__).parent
 

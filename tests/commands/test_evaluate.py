@@ -252,4 +252,4 @@ def test_a_model_with_surroundings_needs_torch(call, field, data, tmp_path, monk
     modelfile.save(replace(field, surroundings=around), tmp_path / "m.npz")
     monkeypatch.setitem(sys.modules, "torch", None)
     result = call(evaluate.main, tmp_path / "m.npz", data, "--device", "cpu")
-    assert "torch, which trains models, is not installed: pip install deformrf" in refused(result)
+    assert 'torch, which trains models, is not installed: pip install ".[train]"' in refused(result)

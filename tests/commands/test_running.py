@@ -12,6 +12,7 @@ import pytest
 
 from deformrf.commands import evaluate, running, train
 from deformrf.commands.running import INPUT_ERROR, INTERRUPTED, run
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.training import DatasetError
 
 
@@ -183,15 +184,17 @@ def test_help_lists_every_flag(call, command):
 
 
 @pytest.mark.parametrize(
-    "package, module, arguments",
+    "package, extra, module, arguments",
     [
-        ("torch", "commands.train", [".", "-o", "m.npz"]),
-        ("scipy", "commands.report", []),
-        ("matplotlib", "commands.report", []),
-        ("markdown_it", "commands.report", []),
+        ("torch", "train", "commands.train", [".", "-o", "m.npz"]),
+        ("scipy", "report", "commands.report", []),
+        ("matplotlib", "report", "commands.report", []),
+        ("markdown_it", "report", "commands.report", []),
+        ("meshio", "exchange", "commands.rig", ["export", DEFAULT_MODEL, "-o", "m.vtu"]),
+        ("pxr", "exchange", "commands.rig", ["export", DEFAULT_MODEL, "-o", "m.usda"]),
     ],
 )
-def test_a_command_says_which_package_it_lacks(package, module, arguments, tmp_path):
+def test_a_command_says_which_extra_it_lacks(package, extra, module, arguments, tmp_path):
     """In a process of its own, as after an installation for viewing alone."""
     program = (
         "import sys\n"
@@ -202,14 +205,13 @@ def test_a_command_says_which_package_it_lacks(package, module, arguments, tmp_p
         "sys.meta_path.insert(0, Without())\n"
         f"from deformrf.{module} import main; sys.exit(main())"
     )
-    command = [sys.executable, "-c", program, *arguments]
+    command = [sys.executable, "-c", program, *map(str, arguments)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (run.returncode, run.stdout) == (INPUT_ERROR, "")
     assert run.stderr.count("\n") == 1
     assert f"{package}, which " in run.stderr
-    assert run.stderr.endswith(
-        " is not installed: pip install deformrf (in a checkout: make venv)\n"
-    )
+    assert f' is not installed: pip install ".[{extra}]" in the clone, or pip ' in run.stderr
+    assert run.stderr.endswith(f'.whl[{extra}]"\n')
 
 
 def test_a_missing_module_of_the_program_itself_keeps_its_traceback():

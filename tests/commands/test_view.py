@@ -158,7 +158,7 @@ def test_a_missing_optional_package_is_named(capfd, monkeypatch, window, ball_fi
     said = refused(
         capfd, ball_file, "--headless", "--device", "cpu", "--screenshot", tmp_path / "a.png"
     )
-    assert "torch, which trains models, is not installed: pip install deformrf" in said
+    assert 'torch, which trains models, is not installed: pip install ".[train]"' in said
 
 
 def test_a_missing_module_of_the_program_itself_keeps_its_traceback(monkeypatch):

@@ -91,7 +91,7 @@ def test_another_ending_is_refused(mesh, tmp_path):
 
 
 def test_meshio_reads_the_vtu(mesh, tmp_path):
-    meshio = pytest.importorskip("meshio", reason="needs meshio: pip install 'deformrf[exchange]'")
+    meshio = pytest.importorskip("meshio", reason="needs meshio: pip install .[exchange]")
     grid = meshio.read(export_mesh(mesh, tmp_path / "mesh.vtu"))
     np.testing.assert_array_equal(grid.points, mesh.rest_vertices)
     np.testing.assert_array_equal(grid.cells_dict["tetra"], mesh.tets)
@@ -100,7 +100,7 @@ def test_meshio_reads_the_vtu(mesh, tmp_path):
 
 @pytest.mark.parametrize("ending", [".usda", ".usdc"])
 def test_usd_reads_the_tets_and_the_material(mesh, tmp_path, ending):
-    pytest.importorskip("pxr", reason="needs usd-core: pip install 'deformrf[exchange]'")
+    pytest.importorskip("pxr", reason="needs usd-core: pip install .[exchange]")
     from pxr import Usd, UsdGeom, UsdShade
 
     solid = Material(young_modulus=2e5, poisson_ratio=0.3, density=900.0)

@@ -115,5 +115,12 @@ def _software() -> dict[str, str]:
         "system": f"{platform.system()} {release}, {platform.machine()}",
         "Python": platform.python_version(),
         "deformrf": program_version(),
-        **{name: metadata.version(name) for name in PACKAGES},
+        **{name: _version(name) for name in PACKAGES},
     }
+
+
+def _version(package) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:  # a report needs no torch
+        return "not installed"

@@ -45,6 +45,19 @@ def test_versions_and_command_are_there(device, model):
     assert ("GPU" in values) == (device != "cpu")
 
 
+def test_a_report_needs_no_torch(model, monkeypatch):
+    """The extra "report" has none."""
+    version = metadata.version
+
+    def without(package):
+        if package == "torch":
+            raise metadata.PackageNotFoundError(package)
+        return version(package)
+
+    monkeypatch.setattr(metadata, "version", without)
+    assert facts(machine.section("cpu", COMMAND, model))["torch"] == "not installed"
+
+
 def test_cores_are_those_of_this_process(model):
     values = facts(machine.section("cpu", COMMAND, model))
     assert 1 <= int(values["usable cores"]) <= os.cpu_count()

@@ -1,0 +1,28 @@
+"""README for a package index: pyproject.toml has all else.
+
+An index shows README without the repository, so links to files become links to the address of
+`[project.urls]`, in the form that GitHub has: /raw/ for pictures, /blob/ for pages.
+"""
+
+import re
+import tomllib
+from pathlib import Path
+
+from setuptools import setup
+
+ROOT = Path(__file__).parent
+ADDRESS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]["Homepage"]
+PICTURES = (".png", ".webp", ".gif", ".jpg", ".svg")
+LINK = re.compile(r"""(\]\(|src="|href=")(?!https?:|mailto:|#)([^)"\s]+)""")
+
+
+def absolute(link: re.Match) -> str:
+    before, path = link.groups()
+    kind = "raw" if path.endswith(PICTURES) else "blob"
+    return f"{before}{ADDRESS}/{kind}/HEAD/{path}"
+
+
+setup(
+    long_description=LINK.sub(absolute, (ROOT / "README.md").read_text("utf-8")),
+    long_description_content_type="text/markdown",
+)
