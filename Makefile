@@ -4,9 +4,20 @@
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -c constraints.txt
-PYTHON ?= $(shell for p in python3 python3.12 python3.11; do \
+# Where none is given: that of the environment that is there, else the first one that fits.
+PYTHON_FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))
+PYTHON_VERSION := import sys; print(sys.version.split()[0])
+ifndef PYTHON
+PYTHON := $(shell for p in $(BIN)/python python3 python3.13 python3.12 python3.11 python3.14; do \
 	$$p -c "$(PYTHON_FITS)" 2>/dev/null && echo $$p && break; done)
-PYTHON_FITS := import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))
+endif
+# An environment of another version than that of PYTHON is made anew.
+version_of = $(shell "$(1)" -c '$(PYTHON_VERSION)' 2>/dev/null)
+ifneq ($(call version_of,$(PYTHON)),$(call version_of,$(BIN)/python))
+OTHER_PYTHON := other-python
+endif
+# The Pythons for which "make soak" installs the wheel, each in an environment of its own.
+PYTHONS ?= python3.11 python3.12 python3.13 python3.14
 
 # OpenGL for the viewer; a virtual screen and simulated input for the tests of its window.
 OPENGL_PACKAGES := libgl1 libglx-mesa0 libgl1-mesa-dri libegl1 libegl-mesa0 libx11-6
@@ -27,7 +38,7 @@ export XDG_CACHE_HOME := $(CURDIR)/.cache
 export WARP_CACHE_PATH := $(CURDIR)/.cache/warp
 endif
 
-.PHONY: help demo test soak random-use lint kernels venv debian-packages
+.PHONY: other-python help demo test soak random-use lint kernels venv debian-packages
 
 help:
 	@echo "make demo   open the bundled model (set-up included: what viewing needs)"
@@ -65,7 +76,8 @@ soak: venv
 	@seed=$$($(BIN)/python -c 'import secrets; print(secrets.randbits(32))'); \
 	again="DEFORMRF_TEST_SEED=$$seed make test PYTEST_ARGS='$(PYTEST_ARGS)'"; \
 	echo "Random inputs of seed $$seed; to repeat this run: $$again"; \
-	DEFORMRF_TEST_SEED=$$seed $(MAKE) --no-print-directory test PYTEST_ARGS='$(PYTEST_ARGS)' \
+	PYTHONS='$(PYTHONS)' DEFORMRF_TEST_SEED=$$seed \
+		$(MAKE) --no-print-directory test PYTEST_ARGS='$(PYTEST_ARGS)' \
 	|| { echo "To repeat this run: $$again"; exit 1; }; \
 	$(BIN)/python tests/benchmarks/fuzz_inputs.py --put-back && \
 	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 600 --seed $$seed && \
@@ -84,26 +96,27 @@ kernels: venv
 
 venv: $(VENV)/installed
 
-$(VENV)/installed: pyproject.toml constraints.txt
+$(VENV)/installed: pyproject.toml constraints.txt $(OTHER_PYTHON)
 	@$(MAKE_VENV)
 	$(PIP) setuptools
-	$(PIP) --no-build-isolation -e '.[dev]'
+	$(PIP) --no-build-isolation -e '.[all,dev]'
 	@touch $(VENV)/viewing $@
 
-# Viewing imports neither torch nor scipy nor matplotlib, so the demo does without them.
+# Viewing needs no extra.
 # Compiling every module would take as long as installing them; Python compiles what it imports.
-$(VENV)/viewing: pyproject.toml constraints.txt
+$(VENV)/viewing: pyproject.toml constraints.txt $(OTHER_PYTHON)
 	@$(MAKE_VENV)
-	@$(BIN)/python -c "import tomllib; groups = tomllib.load(open('pyproject.toml', 'rb')); \
-		print(*groups['dependency-groups']['view'], sep='\n')" > $(VENV)/view.txt
-	$(PIP) --no-compile -r $(VENV)/view.txt setuptools
-	$(PIP) --no-build-isolation --no-deps -e .
+	$(PIP) --no-compile setuptools
+	$(PIP) --no-compile --no-build-isolation -e .
 	@touch $@
 
+# uv makes environments without pip unless it is told to.
 MAKE_VENV = "$(or $(PYTHON),false)" -c '$(PYTHON_FITS)' 2>/dev/null || { \
-		echo "deformrf needs Python 3.11 or 3.12 with its venv module (on Debian: python3-venv);" \
-			"\"$(or $(PYTHON),python3)\" is not one: name yours with make PYTHON=..." >&2; exit 1; }; \
-	$(PYTHON) -m venv $(VENV)
+		echo "deformrf needs Python 3.11 to 3.14 with its venv module (on Debian: python3-venv);" \
+			"\"$(or $(PYTHON),python3)\" is not one: name yours with make PYTHON=..., or let uv" \
+			"(https://docs.astral.sh/uv) fetch one:" \
+			"uv venv --clear --seed --python 3.13 $(VENV) && make $(MAKECMDGOALS)" >&2; exit 1; }; \
+	test -z "$(OTHER_PYTHON)" -a -x $(BIN)/pip || "$(PYTHON)" -m venv --clear $(VENV)
 
 # Sets the shell's $missing to those of the given Debian packages that are not installed.
 FIND_MISSING = missing=$$(command -v dpkg-query >/dev/null || exit 0; for p in $(1); do \
