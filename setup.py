@@ -1,14 +1,23 @@
-"""README for a package index: pyproject.toml has all else.
+"""README for a package index, and a reason where Python doesn't fit: pyproject.toml has all else.
 
 An index shows README without the repository, so links to files become links to the address of
 `[project.urls]`, in the form that GitHub has: /raw/ for pictures, /blob/ for pages.
 """
 
 import re
-import tomllib
+import sys
 from pathlib import Path
 
 from setuptools import setup
+
+# pip itself would name a dependency that has no wheel.
+if not (3, 11) <= sys.version_info[:2] <= (3, 14):
+    sys.exit(
+        "deformrf needs Python 3.11 to 3.14, for which its dependencies have wheels; this is "
+        f"{sys.version.split()[0]}.  uv (https://docs.astral.sh/uv) fetches one: "
+        "uv venv --seed --python 3.13"
+    )
+import tomllib  # since 3.11
 
 ROOT = Path(__file__).parent
 ADDRESS = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["urls"]["Homepage"]
