@@ -53,10 +53,12 @@ class InfoArguments:
 def prepare_bind(arguments: BindArguments):
     field = fields.load(arguments.model)
     output = writable_file(arguments.output, ".npz", source=arguments.rig)
-    rig = bound(field, arguments)
+    rig, makers = bound(field, arguments)
+    known = field.attribution
+    meta = {} if makers in known else {"attribution": "; ".join(filter(None, (known, makers)))}
 
     def job():
-        fields.save(replace(field, rig_arrays=rigs.arrays_of(rig)), output)
+        fields.save(replace(field, rig_arrays=rigs.arrays_of(rig)), output, meta)
         print(f"Wrote {printable(output)}: {summary(rig)}.")
         return 0
 
@@ -73,8 +75,8 @@ def prepare_info(arguments: InfoArguments):
     return job
 
 
-def bound(field, arguments: BindArguments) -> rigs.Rig:
-    """The rig of a file for a TetField.
+def bound(field, arguments: BindArguments) -> tuple[rigs.Rig, str]:
+    """The rig of a file for a TetField, and who made it if the file says so.
 
     Raises:
         ValueError: The file holds no rig, or none that fits.
@@ -83,7 +85,7 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
     if path.suffix == ".npz":
         if arguments.weights or arguments.transform:
             raise ValueError(f"{path} has weights of its own: leave out --weights and --transform")
-        return rigs.load_rig(path, mesh.vertex_count)
+        return rigs.load_rig(path, mesh.vertex_count), ""
     if path.suffix in (".glb", ".gltf"):
         source = rigs.read_gltf(path)
     elif path.suffix == ".json":
@@ -106,7 +108,7 @@ def bound(field, arguments: BindArguments) -> rigs.Rig:
             "That is little (the same shape has some 70 % or more): if the object is in another "
             "pose than the rig at rest, pose one like the other, or give --transform."
         )
-    return rigs.Rig(source.skeleton, weights, source.clips, offsets)
+    return rigs.Rig(source.skeleton, weights, source.clips, offsets), source.copyright
 
 
 def placed(field, source: rigs.GltfRig, arguments: BindArguments):

@@ -81,7 +81,9 @@ def prepare_export(arguments: ExportArguments):
             colors, surface = vertex_colors(field, renderer), render.preview(field, renderer)
         side = float(np.ptp(mesh.rest_vertices, axis=0).max())
         meters_per_unit = (field.meta.get("size") or side) / side
-        rigs.export_mesh(mesh, output, colors, surface, deform.Material(), meters_per_unit)
+        rigs.export_mesh(
+            mesh, output, colors, surface, deform.Material(), meters_per_unit, field.attribution
+        )
         print(f"Wrote {printable(output)}: {mesh.vertex_count} vertices, {mesh.tet_count} tets.")
         if ending == ".ply":
             print(

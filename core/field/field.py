@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.streams import printable
 from ..definition.networks import Field as DefinedField
 from ..geometry import TetMesh
 from .grid import Surroundings
@@ -60,6 +61,11 @@ class TetField:
         assert self.neighbours.shape == (self.mesh.tet_count, 4), self.neighbours.shape
         assert self.occupancy.shape == (self.mesh.tet_count,), self.occupancy.shape
         assert self.table.shape == (self.layout.offsets[-1], FEATURES), self.table.shape
+
+    @property
+    def attribution(self) -> str:
+        """Who made what the model is made from, one line for whoever passes it on; may be empty."""
+        return printable(self.meta.get("attribution") or "")
 
     @cached_property
     def definition(self) -> DefinedField:

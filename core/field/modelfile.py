@@ -62,12 +62,14 @@ READABLE_VERSIONS = (1, 2, 3)
 SAMPLE_COLOR_VERSION, RAY_COLOR_VERSION = 2, 3  # the first that know such fields
 ACTIVATION = "relu"  # older programs could train density networks with "sigmoid" as well
 LONGEST_META = 2**20  # bytes; ours has some 30,000
+LONGEST_LINE = 2000  # characters of a text on the training
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
 TABLE_ARRAYS = ("table_", "reached_", "scale_")
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
+SHOWN = "data", "device", "diverged", "attribution"  # in windows and terminals
 FINITE = number(-(2.0**63), 2.0**63)
 TRAINING = {  # what is known of a training: whether a value of the file is one
-    **dict.fromkeys(("data", "device", "diverged"), text()),
+    **dict.fromkeys(SHOWN, text()),
     **dict.fromkeys(("interrupted", "object_stands"), flag),
     **dict.fromkeys(("seconds", "stage_1_seconds", "size"), FINITE),
     **dict.fromkeys(("object_slack", "occupied_share"), FINITE),
@@ -302,9 +304,9 @@ def read_training(values) -> dict:
     if not isinstance(values, dict):
         return {}
     known = {k: v for k, v in values.items() if k not in TRAINING or TRAINING[k](v)}
-    for key in ("data", "device", "diverged"):  # they are shown in windows and terminals
+    for key in SHOWN:
         if key in known:
-            known[key] = printable(known[key])
+            known[key] = printable(known[key])[:LONGEST_LINE]
     if "history" in known:
         known["history"] = [row for row in known["history"] if _is_history_row(row)]
     if "test_mean" in known:

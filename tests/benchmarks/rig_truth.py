@@ -37,6 +37,7 @@ from deformrf.core.render import Camera, Renderer, in_space
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr
 from deformrf.wings import rig as rigs
+from deformrf.wings.rig.untangle import Untangler
 
 WEIGHTS = ("harmonic", "nearest", "rigid", "automatic")
 PASSES = ("skinned", "untangled", "physics")
@@ -127,7 +128,7 @@ class Poser:
     def __init__(self, truth: Truth, rig, method):
         self._truth, self._rig, self._method = truth, rig, method
         self._mesh = truth.field.mesh
-        self._untangler = rigs.Untangler(self._mesh)
+        self._untangler = Untangler(self._mesh)
         free = np.zeros(self._mesh.vertex_count, bool)
         self._solver = XpbdSolver(self._mesh.rest_vertices, self._mesh.tets, Material(), free)
 
@@ -167,7 +168,7 @@ def main():
     print(f"{'':46}" + "".join(f"{heading:>10}" for heading in HEADINGS))
     for kind in arguments.weights:
         bind = BindArguments(arguments.model, arguments.rig, Path(), weights=kind)
-        rig = bound(truth.field, bind)
+        rig, _ = bound(truth.field, bind)
         for method in arguments.methods:
             poser = Poser(truth, rig, method)
             for way in PASSES:

@@ -135,6 +135,31 @@ def test_a_fox_is_no_helmet(call, tmp_path, shared_data, refused):
     assert "Fox.glb is the rig of another object" in refused(result)
 
 
+def test_who_made_a_rig_is_kept_with_what_was_known(call, body, tmp_path):
+    file = make_skin(*ellipsoid([3.0, 3.0, 3.75]))
+    file.parts["asset"]["copyright"] = "Rig by A.\nCC BY 4.0"
+    file.save(tmp_path / "own.glb")
+    fields.save(fields.load(body), body, {"attribution": "Photographs by B."})
+    for source in (body, body):  # the second time it is known
+        result = call(command.main, "bind", source, tmp_path / "own.glb", "-o", body)
+        assert result.code == 0
+        assert fields.load(body).attribution == "Photographs by B.; Rig by A. CC BY 4.0"
+    mesh = tmp_path / "mesh.ply"
+    assert call(command.main, "export", body, "-o", mesh).code == 0
+    header = mesh.read_bytes().partition(b"end_header")[0].decode().splitlines()
+    assert "comment Photographs by B.; Rig by A. CC BY 4.0" in header
+
+
+@pytest.mark.parametrize("value", [7, ["x"], None, ""])
+def test_a_copyright_that_is_no_text_is_none(call, body, tmp_path, value):
+    file = make_skin(*ellipsoid([3.0, 3.0, 3.75]))
+    file.parts["asset"]["copyright"] = value
+    file.save(tmp_path / "own.glb")
+    output = tmp_path / "out.npz"
+    assert call(command.main, "bind", body, tmp_path / "own.glb", "-o", output).code == 0
+    assert fields.load(output).attribution == ""
+
+
 def test_what_a_rig_file_has_more_is_told(call, body, tmp_path):
     file = make_skin(*ellipsoid([3.0, 3.0, 3.75]))
     file.parts["nodes"] += [{"mesh": 1, "skin": 1}]

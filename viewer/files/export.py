@@ -54,8 +54,11 @@ def with_colors(surface: SurfaceMesh, renderer, size: float) -> SurfaceMesh:
     return SurfaceMesh(surface.vertices, surface.faces, colors)
 
 
-def save_surface(surface: SurfaceMesh, path: Path) -> Path:
+def save_surface(surface: SurfaceMesh, path: Path, attribution: str = "") -> Path:
     """Write a file by its ending, one of ENDINGS; an older one stays if that fails.
+
+    Args:
+        attribution: One line that the file states: who made the object.
 
     Raises:
         OSError: It can't be written.
@@ -66,14 +69,15 @@ def save_surface(surface: SurfaceMesh, path: Path) -> Path:
     if contents is None:
         raise ValueError(f"{path} is no mesh: its name has to end in {' or '.join(ENDINGS)}")
     with whole_file(path) as partial:
-        partial.write_bytes(contents(surface))
+        partial.write_bytes(contents(surface, attribution))
     return path
 
 
-def _ply(surface):
+def _ply(surface, attribution):
     """Binary PLY, little endian."""
     kinds = [("position", "<f4", 3)]
     header = ["ply", "format binary_little_endian 1.0", "comment deformrf, model units"]
+    header += [f"comment {attribution}"] if attribution else []
     header += [f"element vertex {len(surface.vertices)}"]
     header += [f"property float {axis}" for axis in "xyz"]
     if surface.colors is not None:
@@ -87,16 +91,17 @@ def _ply(surface):
         vertices["color"] = surface.colors
     faces = np.empty(len(surface.faces), [("count", "u1"), ("ids", "<i4", 3)])
     faces["count"], faces["ids"] = 3, surface.faces
-    return "\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes()
+    text = "\n".join(header).encode("ascii", "backslashreplace")
+    return text + vertices.tobytes() + faces.tobytes()
 
 
-def _obj(surface):
+def _obj(surface, attribution):
     """Wavefront OBJ; colors follow the positions, as most programs read them."""
-    lines = ["# deformrf, model units"]
+    lines = ["# deformrf, model units", *([f"# {attribution}"] if attribution else [])]
     rows = surface.vertices.tolist()
     if surface.colors is not None:
         shares = np.round(surface.colors / 255.0, 4).tolist()
         rows = [[*at, *color] for at, color in zip(rows, shares, strict=True)]
     lines += ["v " + " ".join(f"{x:.9g}" for x in row) for row in rows]
     lines += ["f {} {} {}".format(*ids) for ids in (surface.faces + 1).tolist()]
-    return ("\n".join(lines) + "\n").encode("ascii")
+    return ("\n".join(lines) + "\n").encode("ascii", "backslashreplace")

@@ -123,11 +123,11 @@ class Recorder:
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
-    def save_surface(self, surface, ending: str) -> None:
+    def save_surface(self, surface, ending: str, attribution: str = "") -> None:
         """Write an export.SurfaceMesh into the current folder."""
         path = stamped("mesh", ending)
         try:
-            self.finished(save_surface(surface, path))
+            self.finished(save_surface(surface, path, attribution))
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 

@@ -285,7 +285,8 @@ def _export(ending):
         except ValueError as error:
             app.recorder.say(str(error))
         else:
-            app.recorder.save_surface(app.radiance.colored(surface), ending)
+            surface, told = app.radiance.colored(surface), scene.field.attribution
+            app.recorder.save_surface(surface, ending, told)
 
     return write
 

@@ -39,6 +39,8 @@ def model_panel(app):
     psnr = (field.meta.get("test_mean") or {}).get("psnr")
     if psnr is not None:
         imgui.text_disabled(f"{psnr:.1f} dB on its test views")
+    if field.attribution:
+        imgui.text_wrapped(readable(field.attribution))
 
 
 def view_panel(app):

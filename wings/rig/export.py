@@ -38,6 +38,7 @@ def export_mesh(
     preview: EmbeddedSurface | None = None,
     material: "Material | None" = None,
     meters_per_unit: float = 1.0,
+    attribution: str = "",
 ) -> Path:
     """Write a mesh by the file's ending, one of MESH_ENDINGS; an older file stays if that fails.
 
@@ -46,6 +47,7 @@ def export_mesh(
         preview: For .ply.
         material: For USD.
         meters_per_unit: For USD: the length of one unit of the mesh.
+        attribution: One line that the file states: who made the object.
 
     Raises:
         ValueError: The ending is another one.
@@ -57,15 +59,17 @@ def export_mesh(
         raise ValueError(f"{path}: the mesh's file has to end in {', '.join(MESH_ENDINGS)}")
     with whole_file(path) as partial:
         if ending == ".ply":
-            partial.write_bytes(ply_bytes(mesh, colors, preview))
+            partial.write_bytes(ply_bytes(mesh, colors, preview, attribution))
         elif ending == ".vtu":
-            _write_vtu(mesh, partial)
+            _write_vtu(mesh, partial, attribution)
         else:
-            _write_usd(mesh, partial, material, meters_per_unit)
+            _write_usd(mesh, partial, material, meters_per_unit, attribution)
     return path
 
 
-def ply_bytes(mesh: TetMesh, colors=None, preview: EmbeddedSurface | None = None) -> bytes:
+def ply_bytes(
+    mesh: TetMesh, colors=None, preview: EmbeddedSurface | None = None, attribution: str = ""
+) -> bytes:
     """Binary PLY, little endian."""
     faces, _ = boundary_faces(mesh.tets, tet_neighbours(mesh.tets))
     elements = [_vertices(mesh, colors), _lists("face", faces), _edges(edges(mesh.tets))]
@@ -74,8 +78,10 @@ def ply_bytes(mesh: TetMesh, colors=None, preview: EmbeddedSurface | None = None
         elements += [_preview(mesh, preview), _lists("preview_face", preview.faces)]
     header = ["ply", "format binary_little_endian 1.0"]
     header += ["comment deformrf coarse mesh, model space, z up"]
+    header += [f"comment {attribution}"] if attribution else []
     header += [line for lines, _ in elements for line in lines] + ["end_header", ""]
-    return "\n".join(header).encode("ascii") + b"".join(rows.tobytes() for _, rows in elements)
+    text = "\n".join(header).encode("ascii", "backslashreplace")
+    return text + b"".join(rows.tobytes() for _, rows in elements)
 
 
 def _vertices(mesh, colors):
@@ -119,21 +125,26 @@ def _preview(mesh, preview):
     return lines + [f"property float weight{i}" for i in range(4)], rows
 
 
-def _write_vtu(mesh, path):
+def _write_vtu(mesh, path, attribution):
     import meshio
 
     ids = np.arange(mesh.vertex_count, dtype=np.int32)
     points = mesh.rest_vertices.astype(np.float64)
     grid = meshio.Mesh(points, [("tetra", mesh.tets)], point_data={"vertex_id": ids})
     meshio.write(path, grid, file_format="vtu")
+    if attribution:
+        first, _, rest = path.read_bytes().partition(b"\n")  # <?xml version="1.0"?>
+        words = attribution.replace("--", "- -").encode("ascii", "xmlcharrefreplace")
+        path.write_bytes(b"%b\n<!-- %b -->\n%b" % (first, words, rest))
 
 
-def _write_usd(mesh, path, material, meters_per_unit):
+def _write_usd(mesh, path, material, meters_per_unit, attribution):
     from pxr import Sdf, Usd, UsdGeom, UsdShade, Vt
 
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, meters_per_unit)
+    stage.GetRootLayer().comment = attribution
     root = UsdGeom.Xform.Define(stage, "/Object")
     stage.SetDefaultPrim(root.GetPrim())
     body = UsdGeom.TetMesh.Define(stage, "/Object/Tets")

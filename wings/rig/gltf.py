@@ -45,6 +45,7 @@ class GltfRig:
     triangles: np.ndarray  # [N, 3] int32, ids of points
     point_weights: np.ndarray  # [S, B] float32
     notes: tuple[str, ...] = ()  # sentences on what the file holds that is left out
+    copyright: str = ""  # as the file says it
 
 
 def read_gltf(path: str | Path) -> GltfRig:
@@ -151,7 +152,7 @@ def _read(gltf: Gltf) -> GltfRig:
         else:
             maps.append(_Map(between, scales[parent], scales[old]))
     clips = _Clips(gltf, skeleton, [bones[old] for old in order], maps, there.values).read()
-    return GltfRig(skeleton, clips, points, triangles, weights, tuple(notes))
+    return GltfRig(skeleton, clips, points, triangles, weights, tuple(notes), gltf.copyright)
 
 
 def _bones(gltf: Gltf, nodes, skin) -> list[int]:

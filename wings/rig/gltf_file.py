@@ -16,6 +16,7 @@ from ...core.base.memory import no_garbage_collected
 from ...core.base.schema import check, integer
 from ...core.base.streams import one_line
 
+LONGEST_COPYRIGHT = 1000  # characters
 LARGEST_FILE = 2**29  # bytes
 LARGEST_TEXT = 2**26  # bytes of JSON, embedded data included
 MOST_VALUES = 2**20  # of the JSON, as `json_values` counts them
@@ -45,6 +46,7 @@ class Gltf:
 
     Attributes:
         root: That of the JSON; its LISTS are lists of objects.  Other values are not checked.
+        copyright: Of the file's contents, one line; empty if it states none.
     """
 
     def __init__(self, path: Path):
@@ -53,6 +55,8 @@ class Gltf:
         self.root = _root(self._text())
         version = str(getattr(self.root.asset, "version", None))
         check(version.startswith("2."), f"it is glTF {version[:10]}, this program reads 2.0")
+        said = getattr(self.root.asset, "copyright", None)
+        self.copyright = one_line(said, LONGEST_COPYRIGHT) if said and isinstance(said, str) else ""
         for name in self.root.extensionsRequired or ():
             check(
                 str(name).startswith(HARMLESS),

@@ -351,6 +351,9 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     assert modelfile.load(path).meta == expected
     rewrite_meta(path, training={"device": "a\x1b[31m\nb"})
     assert modelfile.load(path).meta == {"device": "a\\x1b[31m\\nb"}
+    long = "a" * (modelfile.LONGEST_LINE + 1)
+    rewrite_meta(path, training={"attribution": long})
+    assert modelfile.load(path).attribution == long[:-1]
     for value in (None, 7, "text", [known]):
         rewrite_meta(path, training=value)
         assert modelfile.load(path).meta == {}

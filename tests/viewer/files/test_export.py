@@ -53,6 +53,13 @@ def read_obj(path):
 READ = {".ply": read_ply, ".obj": read_obj}
 
 
+@pytest.mark.parametrize("ending, sign", [(".ply", "comment"), (".obj", "#")])
+def test_a_file_states_who_made_the_object(posed, tmp_path, ending, sign):
+    path = e.save_surface(posed[0], tmp_path / f"mesh{ending}", "Mesh by Öya, CC BY 4.0")
+    assert f"\n{sign} Mesh by \\xd6ya, CC BY 4.0\n".encode() in path.read_bytes()
+    np.testing.assert_array_equal(READ[ending](path)[2], posed[0].faces)
+
+
 @pytest.mark.parametrize("colored", [False, True])
 @pytest.mark.parametrize("ending", e.ENDINGS)
 def test_another_program_reads_what_was_written(posed, tmp_path, ending, colored):

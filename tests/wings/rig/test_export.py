@@ -85,6 +85,29 @@ def test_a_ply_carries_the_preview(mesh, tmp_path):
     np.testing.assert_array_equal(elements["preview_face"]["vertex_indices"], surface.faces)
 
 
+@pytest.mark.parametrize("makers", ["", "Mesh by A -- and Öya <x>, CC BY 4.0"])
+@pytest.mark.parametrize("ending", [".ply", ".vtu", ".usda", ".usdc"])
+def test_a_file_states_who_made_the_object(mesh, tmp_path, ending, makers):
+    if ending == ".vtu":
+        meshio = pytest.importorskip("meshio", reason="needs the extra exchange")
+    elif ending != ".ply":
+        pytest.importorskip("pxr", reason="needs the extra exchange")
+    path = export_mesh(mesh, tmp_path / f"mesh{ending}", attribution=makers)
+    if ending == ".ply":
+        header = path.read_bytes().partition(b"end_header\n")[0].decode("ascii")
+        comments = [line[8:] for line in header.splitlines() if line.startswith("comment ")]
+        assert comments[1:] == ([makers.replace("Ö", "\\xd6")] if makers else [])
+        assert len(read_ply(path)["tet"]) == mesh.tet_count
+    elif ending == ".vtu":
+        assert len(meshio.read(path).cells_dict["tetra"]) == mesh.tet_count
+        comment = makers.replace("--", "- -").replace("Ö", "&#214;")
+        assert path.read_bytes().count(f"<!-- {comment} -->".encode()) == bool(makers)
+    else:
+        from pxr import Sdf
+
+        assert Sdf.Layer.FindOrOpen(str(path)).comment == makers
+
+
 def test_another_ending_is_refused(mesh, tmp_path):
     with pytest.raises(ValueError, match=r"has to end in \.ply"):
         export_mesh(mesh, tmp_path / "mesh.obj")
