@@ -15,9 +15,11 @@ from ..core import field as fields
 from ..core.base.arguments import (
     AnyModel,
     Count,
+    Demo,
     File,
     Meters,
     at_least,
+    chosen_model,
     object_size,
     positive,
     with_size,
@@ -49,7 +51,9 @@ class RenderArguments:
     """Render a session of deformrf-view, or a turn around the object, into a file."""
 
     model: AnyModel = DEFAULT_MODEL
-    """Model file, an .npz; the bundled one by default."""
+    """Model file, an .npz; the bundled helmet by default."""
+    demo: Demo = None
+    """A bundled model instead: helmet, or fox, which has bones and clips."""
     output: Annotated[File, tyro.conf.arg(aliases=["-o"])] = None
     """What to write: FILE.mp4, FILE.webm, FILE.webp, or a folder for numbered PNG files."""
     session: File = None
@@ -201,6 +205,7 @@ def _check_output(chosen):
 
 def prepare(chosen: RenderArguments) -> Callable[[], int]:
     """Check the arguments, and load the model; returns the work."""
+    chosen = replace(chosen, model=chosen_model(chosen.model, chosen.demo))
     size = check(chosen)
     refuse_data(chosen.model)
     from ..viewer.sessions import open_session

@@ -20,9 +20,11 @@ from ..core import field as fields
 from ..core.base.arguments import (
     AnyModel,
     Count,
+    Demo,
     File,
     Meters,
     at_least,
+    chosen_model,
     object_size,
     with_size,
     writable_file,
@@ -96,7 +98,9 @@ class ViewArguments:
     """Grab red control vertices of an object and bend it."""
 
     model: AnyModel = DEFAULT_MODEL
-    """Model file, an .npz; the bundled one by default."""
+    """Model file, an .npz; the bundled helmet by default."""
+    demo: Demo = None
+    """A bundled model instead: helmet, or fox, which has bones and clips."""
     device: Choice = "auto"
     """auto takes CUDA if there is any."""
     size: Size = None
@@ -220,6 +224,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
         from ..viewer.doctor import report
 
         return lambda: report(chosen.run.headless)
+    chosen = replace(chosen, model=chosen_model(chosen.model, chosen.demo))
     check(chosen)
     if chosen.device != "cpu" and chosen.model.exists():
         begin_cuda()

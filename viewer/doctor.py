@@ -11,7 +11,8 @@ PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "n
 def report(headless: bool) -> int:
     """Print what the program runs on; exit code 0 if it can draw."""
     from ..core.base.device import device_name
-    from ..core.base.paths import program_version
+    from ..core.base.paths import BUNDLED, program_version
+    from ..core.field import load
 
     _line("deformrf", program_version())
     _line("python", f"{sys.version.split()[0]} on {platform.platform()}")
@@ -28,6 +29,13 @@ def report(headless: bool) -> int:
         _line("encoder", av.Codec(CODECS["h264"][0], "w").long_name)
     except Exception as error:  # whatever is wrong with it is to be reported
         _line("encoder", f"none ({error})")
+    for name, path in BUNDLED.items():
+        try:
+            model = load(path)
+            told = [f"{model.mesh.tet_count} tets", model.attribution]
+            _line(f"model {name}", "; ".join(filter(None, told)))
+        except ValueError as error:
+            _line(f"model {name}", error)
     from . import logs, preferences
 
     _line("preferences", preferences.file())

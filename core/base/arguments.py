@@ -11,13 +11,14 @@ from typing import Annotated, Optional
 import tyro
 
 from .claims import claim
-from .paths import WriteError, discard, reserved, target_of
+from .paths import BUNDLED, DEFAULT_MODEL, WriteError, discard, reserved, target_of
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 1e4  # m, of an object's longest side
 Count = Annotated[Optional[int], tyro.conf.arg(metavar="N", help_behavior_hint="")]
 AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
     tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
 ]
+Demo = Annotated[Optional[str], tyro.conf.arg(metavar="NAME", help_behavior_hint="")]
 Meters = Annotated[Optional[float], tyro.conf.arg(metavar="METERS", help_behavior_hint="")]
 File = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
 Box = Annotated[
@@ -58,6 +59,21 @@ def positive(name: str, value: float | None) -> None:
     """A ValueError that calls the value by its name if it isn't a positive number; None is good."""
     if value is not None and not 0.0 < value < float("inf"):
         raise ValueError(f"{name} is {value}: it has to be a positive number")
+
+
+def chosen_model(model: Path, demo: str | None) -> Path:
+    """The model, or the bundled one of --demo; a ValueError if there is none, or both are given.
+
+    Args:
+        model: DEFAULT_MODEL if the command line names none.
+    """
+    if demo is None:
+        return model
+    if demo not in BUNDLED:
+        raise ValueError(f"--demo is {demo!r}; it is one of {', '.join(BUNDLED)}")
+    if model != DEFAULT_MODEL:
+        raise ValueError(f"--demo opens a bundled model: leave it out, or {model}")
+    return BUNDLED[demo]
 
 
 def with_size(field, meters: float | None):

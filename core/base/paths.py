@@ -10,7 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]  # the checkout, or site-packages/deformrf
 SHADERS = ROOT / "shaders"
 ASSETS = ROOT / "assets"
-DEFAULT_MODEL = ASSETS / "helmet.npz"
+BUNDLED = {name: ASSETS / f"{name}.npz" for name in ("helmet", "fox")}  # models
+DEFAULT_MODEL = BUNDLED["helmet"]
 
 
 def program_version() -> str:

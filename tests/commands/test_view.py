@@ -45,6 +45,11 @@ def test_a_missing_model_is_named(capfd, tmp_path):
     assert "nowhere.npz" in refused(capfd, tmp_path / "nowhere.npz")
 
 
+def test_a_demo_is_a_bundled_model(capfd, tmp_path):
+    assert "--demo is 'mouse'; it is one of helmet, fox" in refused(capfd, "--demo", "mouse")
+    assert "leave it out" in refused(capfd, tmp_path / "a.npz", "--demo", "fox")
+
+
 def test_a_file_that_is_no_model_is_refused(capfd, tmp_path):
     (tmp_path / "text.npz").write_text("not a model")
     assert "not a model file" in refused(capfd, tmp_path / "text.npz")
@@ -293,5 +298,5 @@ def test_ctrl_c_and_sigterm_finish_the_clip(ball_file, tmp_path, window, sent):
 def test_the_doctor_names_what_it_found(window):
     done = run("--doctor", "--headless")
     assert done.returncode == 0
-    for word in ("warp-lang", "CUDA", "OpenGL", "interop", "H.264"):
+    for word in ("warp-lang", "CUDA", "OpenGL", "interop", "H.264", "by PixelMannen (CC0 1.0)"):
         assert word in done.stdout

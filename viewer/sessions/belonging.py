@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from ...core import field as fields
-from ...core.base.paths import DEFAULT_MODEL
+from ...core.base.paths import BUNDLED
 from ...core.base.reading import check_file
 from ...core.base.streams import shown
 from .session import (
@@ -107,8 +107,8 @@ def _places(path, header, source):
         folders = [folder, *([] if source is None else [Path(source).parent])]
         places = [folder / name, *(one / PurePosixPath(name).name for one in folders)]
         yield from dict.fromkeys(places)
-    if name is None and header.get("model") == DEFAULT_MODEL.stem:
-        yield DEFAULT_MODEL
+    if name is None:
+        yield from (path for model, path in BUNDLED.items() if model == header.get("model"))
 
 
 def named_file(header) -> str | None:

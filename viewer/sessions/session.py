@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.base.paths import DEFAULT_MODEL, program_version, whole_file
+from ...core.base.paths import BUNDLED, program_version, whole_file
 from ...core.base.reading import open_file
 from ...core.base.schema import integer
 from ...core.base.streams import printable, shown
@@ -132,8 +132,8 @@ def save_session(scene, start: dict, path: Path, tell: Callable = log.warning) -
 
 
 def name_of_model(source: Path | None, session: Path) -> str | None:
-    """A model's file as a session names it; None for the bundled one, and without a file."""
-    if source is None or Path(source) == DEFAULT_MODEL:
+    """A model's file as a session names it; None for a bundled one, and without a file."""
+    if source is None or Path(source) in BUNDLED.values():
         return None
     try:
         name = os.path.relpath(Path(source).resolve(), Path(session).resolve().parent)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
-from deformrf.core.base.paths import DEFAULT_MODEL
+from deformrf.core.base.paths import BUNDLED, DEFAULT_MODEL
 from deformrf.viewer.input import ACTIONS
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, open_session, save_session, start_of
@@ -172,3 +172,17 @@ def test_the_bundled_model_is_named_by_no_path(app, tmp_path):
     app.scene.source = DEFAULT_MODEL
     path = save_session(app.scene, start_of(app.scene), tmp_path / "s.jsonl")
     assert json.loads(path.read_text())["file"] is None
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_a_session_of_a_bundled_model_finds_it_anywhere(app, tmp_path, name):
+    app.load(fields.load(BUNDLED[name]), name, "cpu")
+    app.scene.source = BUNDLED[name]
+    pose(app)
+    ACTIONS["save_session"](app)
+    path = saved(app)
+    assert json.loads(path.open().readline())["file"] is None
+    for at_hand in BUNDLED.values():
+        opened = open_session(path, fields.load(at_hand), at_hand)
+        assert opened.source == BUNDLED[name]
+        assert_plays_to(app, opened)
