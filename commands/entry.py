@@ -23,6 +23,7 @@ COMMANDS = {
     "deformrf-edit": "deformrf.commands.edit",
     "deformrf-rig": "deformrf.commands.rig",
     "deformrf-report": "deformrf.commands.report",
+    "deformrf-data": "deformrf.commands.data",
 }
 INTERRUPTED = 130
 # The end of every --help.
