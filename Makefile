@@ -53,11 +53,11 @@ help:
 demo: $(VENV)/viewing
 	@$(call SAY_MISSING,$(OPENGL_PACKAGES))
 	@if $(BIN)/python -c '$(WINDOW_OPENS)' >/dev/null 2>&1; then \
-		$(BIN)/deformrf-view; \
+		$(BIN)/deformrf view; \
 	else \
 		echo "No window can be opened here, so the demo drags a vertex by itself and records it."; \
 		mkdir -p out; \
-		$(BIN)/deformrf-view --headless --frames $(DEMO_FRAMES) --drag $(DEMO_DRAG) \
+		$(BIN)/deformrf view --headless --frames $(DEMO_FRAMES) --drag $(DEMO_DRAG) \
 			--record out/demo.mp4 --screenshot out/demo.png \
 		&& echo "The demo is in out/demo.mp4; out/demo.png is its last frame before the vertex is let go."; \
 	fi

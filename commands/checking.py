@@ -1,4 +1,4 @@
-"""deformrf-train --check: a page about the photographs and their cameras, instead of training."""
+"""deformrf train --check: a page about the photographs and their cameras, instead of training."""
 
 from pathlib import Path
 

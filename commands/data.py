@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import tyro
-
 from ..core import training
-from ..core.base.arguments import writable_file
+from ..core.base.arguments import Arg, writable_file
 from ..core.base.paths import ASSETS, kind_of, whole_files
 from ..core.base.streams import printable
+from .options import OnCpu, parsed_one
 from .running import FAILED, run
 
 PROGRAM = "deformrf data"
@@ -25,15 +24,12 @@ TOY = ASSETS / "toy"
 PROJECT_PAGE = "https://www.matthewtancik.com/nerf"
 SPLITS = {"train": "training", "test": "test"}
 
-Folder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="[FOLDER]")]
-DataSet = Annotated[
-    tyro.conf.Positional[Path | None],
-    tyro.conf.arg(metavar="[FOLDER]", help_behavior_hint=""),
-]
+Folder = Annotated[Path, Arg("FOLDER", positional=True)]
+DataSet = Annotated[Path | None, Arg("FOLDER", positional=True)]
 
 
 @dataclass(frozen=True)
-class ToyArguments:
+class ToyArguments(OnCpu):
     """Write 72 photographs of a toy on a table into a folder, to train on."""
 
     folder: Folder = Path("toy")
@@ -41,7 +37,7 @@ class ToyArguments:
 
 
 @dataclass(frozen=True)
-class ChairArguments:
+class ChairArguments(OnCpu):
     """Say where NeRF-synthetic's chair is to be had, or check a folder that has it."""
 
     folder: DataSet = None
@@ -49,13 +45,8 @@ class ChairArguments:
 
 
 def main() -> int:
-    arguments = tyro.extras.subcommand_cli_from_dict(
-        {name: kind for name, (kind, _) in COMMANDS.items()},
-        prog=PROGRAM,
-        description="Something to train on.",
-    )
-    prepare = next(prepare for kind, prepare in COMMANDS.values() if type(arguments) is kind)
-    return run(PROGRAM, lambda: prepare(arguments))
+    program, arguments, prepare = parsed_one(PROGRAM, "Something to train on.", COMMANDS)
+    return run(program, lambda: prepare(arguments))
 
 
 def prepare_toy(arguments: ToyArguments):

@@ -1,41 +1,40 @@
-"""deformrf-edit: a model without some of its tets, as a smaller model."""
+"""deformrf edit: a model without some of its tets, as a smaller model."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-import tyro
 
 from ..core import field as fields
-from ..core.base.arguments import Box, writable_file
+from ..core.base.arguments import Box, Model, Output, Share, writable_file
 from ..core.base.device import start_warp
+from .options import OnCpu, parsed
 from .running import run
 
-PROGRAM = "deformrf-edit"
+PROGRAM = "deformrf edit"
 
 
 @dataclass(frozen=True)
-class EditArguments:
+class EditArguments(OnCpu):
     """Take parts of a model away: what lies outside a box or inside one, and specks."""
 
-    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    model: Model
     """Model file, an .npz."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="SMALLER")]
+    output: Output
     """Model file to write, an .npz; it may be MODEL."""
     keep_box: Box = None
-    """Keep what lies in this box, lowest and highest corner [model units: without a box, the
-    program prints where the model's matter lies]."""
+    """Keep what lies in this box, lowest and highest corner [model units]. Without a box, the
+    command prints where the model's matter lies."""
     drop_box: Box = None
     """Take away what lies in this box [model units]."""
-    specks: float = 0.01
-    """Take away parts with less than this share of the matter; 0 keeps all."""
+    specks: Share = 0.01
+    """Take away parts with less than this share of the matter, 0 to 1; 0 keeps all."""
     entry_bits: Literal[8, 16] | None = None
-    """Bits of each number in the model's tables, as for deformrf-train; by default MODEL's."""
+    """Bits of each number in the model's tables; by default as many as MODEL has."""
 
 
 def main() -> int:
-    arguments = tyro.cli(EditArguments, prog=PROGRAM)
+    arguments = parsed(PROGRAM, EditArguments)
     return run(PROGRAM, lambda: prepare(arguments))
 
 

@@ -1,22 +1,21 @@
-"""deformrf-eval: a model's scores on views that it was not trained on."""
+"""deformrf eval: a model's scores on views that it was not trained on."""
 
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-import tyro
 from rich.console import Console
 from rich.table import Table
 
 from ..core import field as fields
 from ..core import render, training
-from ..core.base.arguments import Count, File, writable_file
+from ..core.base.arguments import Arg, Count, Data, File, Folder, Model, writable_file
 from ..core.base.device import Choice, device_name
+from .options import parsed
 from .running import INTERRUPTED, complain, load_views, require, run
 
-PROGRAM = "deformrf-eval"
-SPLITS = ("train", "val", "test")
+PROGRAM = "deformrf eval"
 MOST_SAMPLES = 256
 
 
@@ -24,36 +23,36 @@ MOST_SAMPLES = 256
 class EvaluateArguments:
     """Score a model on images that it has not seen: PSNR and SSIM over white."""
 
-    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    model: Model
     """Model file, an .npz."""
-    data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
-    """Folder of the data set, as for deformrf-train."""
-    json: File = None
-    """Write the scores of each view and their mean to this file."""
-    images: File = None
-    """Write render, truth, difference (x4) and accumulation of each view to this folder."""
+    data: Data
+    """Folder of the data set, as for deformrf train."""
+    output: Annotated[File, Arg("FILE", short="-o")] = None
+    """File to write, a .json: the scores of each view, and their mean."""
+    pictures: Folder = None
+    """Folder to write pictures of each view to: render, truth, difference (x4), accumulation."""
     lpips_weights: File = None
     """Weights of VGG-16 for LPIPS: torchvision's vgg16-397923af.pth, a folder that holds it, or
-    one file of the package lpips.  None come with this program."""
-    split: str = "test"
-    """Which views: train, val or test."""
+    one file of the package lpips. None come with this program."""
+    split: Literal["train", "val", "test"] = "test"
+    """Which views of the data set."""
     views: Count = None
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
     """Shrink the images to this longer side [pixels]."""
-    step_factor: float = 1.0
-    """March with that part of the model's step: 0.5 takes longer and comes closer."""
-    samples: int = 4
+    step_factor: Annotated[float, Arg("FACTOR")] = 1.0
+    """Length of the steps along a ray, over the model's: 0.5 takes longer and comes closer."""
+    samples: Annotated[int, Arg("N")] = 4
     """Rays a pixel of the scored images: cameras average over a pixel, too. Beside that stands the
     PSNR of images with one ray a pixel, and what one of them takes."""
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     device: Choice = "auto"
-    """auto takes CUDA if there is any."""
+    """Where the work is done; auto, the default, takes CUDA if there is any."""
 
 
 def main() -> int:
-    arguments = tyro.cli(EvaluateArguments, prog=PROGRAM)
+    arguments = parsed(PROGRAM, EvaluateArguments)
     return run(PROGRAM, lambda: prepare(arguments))
 
 
@@ -81,33 +80,31 @@ def prepare(arguments: EvaluateArguments):
         if training.lacks_surroundings(field, dataset):
             print(
                 "The object alone is scored, over white, against photographs with their "
-                "surroundings; deformrf-train --keep-surroundings keeps them in the model.",
+                "surroundings; deformrf train --keep-surroundings keeps them in the model.",
                 file=sys.stderr,
                 flush=True,
             )
         report = training.evaluate(
             field,
             dataset,
-            out_dir=arguments.images,
+            out_dir=arguments.pictures,
             device=device,
             options=render.RenderOptions(step_factor=arguments.step_factor),
             model_path=arguments.model,
             lpips=lpips,
             samples=arguments.samples,
         )
-        return tell(report, arguments.json)
+        return tell(report, arguments.output)
 
     return job
 
 
 def check_numbers(arguments: EvaluateArguments) -> None:
-    """Raise a ValueError if a number or the split can't be."""
+    """Raise a ValueError if a number can't be."""
     if not 0.01 <= arguments.step_factor <= 100.0:
         raise ValueError(f"--step-factor is {arguments.step_factor:g}; give 0.01 to 100")
     if not 1 <= arguments.samples <= MOST_SAMPLES:
         raise ValueError(f"--samples is {arguments.samples}; give 1 to {MOST_SAMPLES}")
-    if arguments.split not in SPLITS:
-        raise ValueError(f"--split is {arguments.split!r}; give {', '.join(SPLITS)}")
 
 
 def check_places(arguments: EvaluateArguments, dataset) -> None:
@@ -116,11 +113,11 @@ def check_places(arguments: EvaluateArguments, dataset) -> None:
         training.check_size(lens.height, lens.width)
         if arguments.lpips_weights:
             training.check_size(lens.height, lens.width, "LPIPS", training.LPIPS_SIZE_MIN)
-    if arguments.json:
-        training.check_replaceable(writable_file(arguments.json, ".json"))
-    if arguments.images:
-        arguments.images.mkdir(parents=True, exist_ok=True)
-        training.check_replaceable(*training.output_paths(arguments.images, dataset))
+    if arguments.output:
+        training.check_replaceable(writable_file(arguments.output, ".json"))
+    if arguments.pictures:
+        arguments.pictures.mkdir(parents=True, exist_ok=True)
+        training.check_replaceable(*training.output_paths(arguments.pictures, dataset))
 
 
 def tell(report: dict, path: Path | None) -> int:

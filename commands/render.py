@@ -1,6 +1,6 @@
-"""The command deformrf-render: a film of a session, without a window and without haste.
+"""The command deformrf render: a film of a session, without a window and without haste.
 
-The same program as deformrf-view draws the frames, each in full.  Ctrl-C ends the film where it
+The same program as deformrf view draws the frames, each in full.  Ctrl-C ends the film where it
 is: the file can be played, and has "(cut short)" in its name.
 """
 
@@ -9,15 +9,16 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal
 
-import tyro
-
 from ..core import field as fields
 from ..core.base.arguments import (
-    AnyModel,
+    Arg,
     Count,
     Demo,
     File,
     Meters,
+    Model,
+    Name,
+    Share,
     at_least,
     chosen_model,
     object_size,
@@ -32,84 +33,91 @@ from ..core.base.reading import check_file
 from ..core.base.streams import printable
 from ..core.deform import PRESETS, Material
 from ..core.render import Mode
-from .running import FAILED, complain, parsed, run
-from .view import Flag, frame_size, refuse_data, told_if_slow
+from .options import parsed
+from .running import FAILED, complain, run
+from .view import frame_size, refuse_data, told_if_slow
 
-PROGRAM = "deformrf-render"
+PROGRAM = "deformrf render"
 SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
 LONGEST_TURN = 3600.0  # s
 MATERIALS = {"default": Material(), **PRESETS}
 
-Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS", help_behavior_hint="")]
-Codec = Annotated[
-    Literal["h264", "h265", "av1", "vp9", "webp"] | None, tyro.conf.arg(help_behavior_hint="")
-]
+Seconds = Annotated[float | None, Arg("SECONDS")]
+Tick = Annotated[int | None, Arg("TICK")]
 
 
 @dataclass(frozen=True)
 class RenderArguments:
-    """Render a session of deformrf-view, or a turn around the object, into a file."""
+    """Render a session of deformrf view, or a turn around the object, into a file."""
 
-    model: AnyModel = DEFAULT_MODEL
+    model: Model = DEFAULT_MODEL
     """Model file, an .npz; the bundled helmet by default."""
     demo: Demo = None
     """A bundled model instead: helmet, or fox, which has bones and clips."""
-    output: Annotated[File, tyro.conf.arg(aliases=["-o"])] = None
-    """What to write: FILE.mp4, FILE.webm, FILE.webp, or a folder for numbered PNG files."""
+    output: Annotated[File, Arg("FILE", short="-o")] = None
+    """File to write, a .mp4, .webm or .webp, or a folder for numbered PNG files."""
     session: File = None
-    """A session that deformrf-view has saved (Ctrl+Shift+S)."""
-    timeline: Flag = False
+    """A session that deformrf view has saved (Ctrl+Shift+S)."""
+    timeline: bool = False
     """Show the timeline that the session ends with, from its beginning to its last key."""
     turntable: Seconds = None
     """Turn the camera once around the object in so many seconds; without --session, that is the
     film."""
-    clip: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
+    clip: Name = None
     """Play this clip of the model's rig, once, or as long as --turntable, --camera or --frames
     say."""
-    softness: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
-    """How much of the object physics moves while --clip plays, 0 to 1; 0: bones move all of it."""
+    softness: Share = 0.0
+    """Share of the object that physics moves while --clip plays, 0 to 1; at 0 bones move all of
+    it."""
     camera: File = None
     """A camera path, a JSON file with keys of positions and targets, or of matrices; or a data set,
     its folder or its transforms.json, whose cameras are the path."""
     pose: File = None
     """Show the object in this pose: of vertices in .npy or .npz, or of a session's last tick."""
-    material: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
+    material: Name = None
     """The object is of jelly, rubber, plush, clay, stiff, or default, until the session changes
-    that; without this, of what the session says."""
-    size: Annotated[str, tyro.conf.arg(metavar="WxH")] = SIZE
+    that. Without --material it is of what the session says."""
+    size: Annotated[str, Arg("WxH")] = SIZE
     """Width and height of the film [pixels]."""
-    fps: Annotated[int, tyro.conf.arg(metavar="N")] = FPS
+    fps: Annotated[int, Arg("N")] = FPS
     """Frames per second."""
-    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1
+    samples: Annotated[int, Arg("N")] = 1
     """Rays a pixel, from shifted images: 16 make smooth edges."""
-    shutter: Annotated[float, tyro.conf.arg(metavar="PART")] = 0.0
-    """Motion blur: spread the --samples over this part of a frame's time, 0 to 1."""
-    transparent: Flag = False
-    """Leave the background out: .webm (vp9), .webp, or PNG files with an opacity."""
-    first: Annotated[
-        int | None, tyro.conf.arg(name="from", metavar="TICK", help_behavior_hint="")
-    ] = None
+    shutter: Share = 0.0
+    """Motion blur: spread the --samples over this share of a frame's time, 0 to 1."""
+    transparent: bool = False
+    """Leave the background out of a .webm (vp9), a .webp or PNG files."""
+    first: Annotated[Tick, Arg(name="from")] = None
     """Begin at this tick of the session; a tick is 1/60 s of the object's time."""
-    last: Annotated[int | None, tyro.conf.arg(name="to", metavar="TICK", help_behavior_hint="")] = (
-        None
-    )
+    last: Annotated[Tick, Arg(name="to")] = None
     """End at this tick of the session."""
     frames: Count = None
     """End after that many frames."""
-    codec: Codec = None
-    """h264 for .mp4, vp9 for .webm by default."""
-    hide_handles: Flag = False
+    codec: Literal["h264", "h265", "av1", "vp9", "webp"] | None = None
+    """The video's encoding; by default h264 for .mp4, vp9 for .webm."""
+    hide_handles: bool = False
     """Leave out the red and gray spheres, and bones."""
-    show_handles: Flag = False
+    show_handles: bool = False
     """Draw the spheres of control points and pins with --clip, too."""
-    mode: Annotated[Mode | None, tyro.conf.arg(help_behavior_hint="")] = None
-    """Show this instead of what the session shows."""
+    mode: Mode | None = None
+    """View mode, instead of the session's; samples are those along a ray."""
     device: Choice = "auto"
-    """auto takes CUDA if there is any."""
+    """Where the work is done; auto, the default, takes CUDA if there is any."""
     object_size: Meters = None
     """The object's longest side [m]; by default what the model says. A session has its own."""
-    log_events: Flag = False
-    """Print one JSON line per event: recording, frame, written."""
+    log_events: bool = False
+    """Print one JSON line for each event: recording, frame, written."""
+
+    GROUPS = {  # noqa: RUF012
+        "What moves": (
+            *("session", "timeline", "first", "last", "clip", "softness", "material"),
+            *("pose", "object_size"),
+        ),
+        "The camera": ("camera", "turntable"),
+        "The film": ("size", "fps", "frames", "samples", "shutter", "codec"),
+        "What is shown": ("mode", "transparent", "hide_handles", "show_handles"),
+        "For programs that watch the command": ("log_events",),
+    }
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""deformrf-report: error against run time, stability, and omissions, for one model.
+"""deformrf report: error against run time, stability, and omissions, for one model.
 
 Sections are measured one after the other and written together.  After Ctrl-C or an error,
 those that are done are written.  The exit code is 0 if the report was written whole, even if
@@ -14,17 +14,16 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-import tyro
-
 from ..core import field as fields
-from ..core.base.arguments import AnyModel, File, plain_message, writable_file
+from ..core.base.arguments import Arg, Folder, Model, plain_message, writable_file
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import DEFAULT_MODEL
 from ..core.base.streams import printable
 from ..wings.lab.effort import EFFORTS, Effort
+from .options import parsed
 from .running import complain, require, run
 
-PROGRAM = "deformrf-report"
+PROGRAM = "deformrf report"
 TETS = 5000  # that the estimates of time are for
 SECONDS = {  # full on two CPU cores, on one H100, quick on the one and on the other
     "rendering": (90, 28, 14, 8),
@@ -37,23 +36,21 @@ GROWING = ("dynamics", "stability")  # with the number of tets
 LONG = 150  # seconds: what takes longer is told in minutes
 TEST_SPLIT = "test"
 
-Folder = Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FOLDER")]
-
 
 @dataclass(frozen=True)
 class ReportArguments:
     """Measure a model on this machine: error against run time, stability, what was left out."""
 
-    model: AnyModel = DEFAULT_MODEL
+    model: Model = DEFAULT_MODEL
     """Model file, an .npz; the bundled one by default."""
-    output: Folder = Path("report")
-    """Folder of report.html, report.md, report.json, tables and pictures."""
-    data: File = None
+    output: Annotated[Folder, Arg(short="-o")] = Path("report")
+    """Folder to write: report.html, report.md, report.json, tables and pictures."""
+    data: Folder = None
     """Data set whose test views the renderings are compared with, too."""
     outside_images: bool = False
     """Read images of --data that lie outside its folder, too."""
     device: Choice = "auto"
-    """auto takes CUDA if there is any."""
+    """Where the work is done; auto, the default, takes CUDA if there is any."""
     quick: bool = False
     """Fewer settings, pixels and repeats: 5,000 tets take under two minutes on two CPU cores."""
 
@@ -67,7 +64,7 @@ class Job(NamedTuple):
 
 
 def main() -> int:
-    arguments = tyro.cli(ReportArguments, prog=PROGRAM, config=(tyro.conf.FlagCreatePairsOff,))
+    arguments = parsed(PROGRAM, ReportArguments)
     return run(PROGRAM, lambda: prepare(arguments))
 
 
@@ -92,7 +89,7 @@ def report(field, arguments: ReportArguments, device: str, jobs: list[Job]) -> i
     from ..wings.lab.report.contents import Report
     from ..wings.lab.report.writing import is_complete, write
 
-    command = machine.without_folders(printable(shlex.join([PROGRAM, *sys.argv[1:]])))
+    command = machine.without_folders(printable(f"{PROGRAM} {shlex.join(sys.argv[1:])}"))
     about_machine = machine.section(device, command, arguments.model)  # before it has work to do
     begun, found, failure = time.perf_counter(), [], None
     try:

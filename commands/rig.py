@@ -1,13 +1,12 @@
-"""deformrf-rig: skeletons, weights and clips of models.
+"""deformrf rig: skeletons, weights and clips of models.
 
 Each subcommand is a dataclass of arguments with a function that prepares its work: those of
 rigs themselves are in rig_bind.py and rig_quality.py, those of files of other programs in
 rig_files.py.
 """
 
-import tyro
-
 from ..core.base.device import start_warp
+from .options import parsed_one
 from .rig_bind import BindArguments, InfoArguments, prepare_bind, prepare_info
 from .rig_files import (
     CheckArguments,
@@ -20,27 +19,24 @@ from .rig_files import (
 from .rig_quality import QualityArguments, prepare_quality
 from .running import run
 
-PROGRAM = "deformrf-rig"
+PROGRAM = "deformrf rig"
 COMMANDS = {  # subcommand: its arguments, and what prepares it
-    "export": (ExportArguments, prepare_export),
-    "check": (CheckArguments, prepare_check),
-    "import": (ImportArguments, prepare_import),
     "bind": (BindArguments, prepare_bind),
     "info": (InfoArguments, prepare_info),
     "quality": (QualityArguments, prepare_quality),
+    "export": (ExportArguments, prepare_export),
+    "check": (CheckArguments, prepare_check),
+    "import": (ImportArguments, prepare_import),
 }
 
 
 def main() -> int:
-    arguments = tyro.extras.subcommand_cli_from_dict(
-        {name: kind for name, (kind, _) in COMMANDS.items()},
-        prog=PROGRAM,
-        description="Rigs of models: bones, weights, clips.",
+    program, arguments, prepare = parsed_one(
+        PROGRAM, "Rigs of models: bones, weights, clips.", COMMANDS
     )
-    prepare = next(prepare for kind, prepare in COMMANDS.values() if type(arguments) is kind)
 
     def start():
         start_warp()
         return prepare(arguments)
 
-    return run(PROGRAM, start)
+    return run(program, start)

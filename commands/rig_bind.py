@@ -1,22 +1,20 @@
-"""deformrf-rig bind and info: a rig for a model, and what a model's rig holds."""
+"""deformrf rig bind and info: a rig for a model, and what a model's rig holds."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import tyro
 
 from ..core import field as fields
-from ..core.base.arguments import writable_file
+from ..core.base.arguments import Arg, Model, Output, writable_file
 from ..core.base.streams import printable
 from ..core.geometry import components
 from ..wings import rig as rigs
+from .options import OnCpu
 
 Weights = Literal["harmonic", "nearest", "rigid", "automatic"]
-Transform = Annotated[
-    tuple[(float,) * 16] | None, tyro.conf.arg(metavar="M11 .. M44", help_behavior_hint="")
-]
+Transform = Annotated[tuple[(float,) * 16] | None, Arg("M11 ... M44")]
 # Of the space that a rig's surface or the object fills, the share that both fill.  Shapes that
 # belong together had 0.68 and more, or 0.53 in a running pose, others 0.53 and less:
 # docs/design/010-rigs.md.
@@ -24,29 +22,30 @@ LEAST_SHARED, WELL_SHARED = 0.5, 0.6
 
 
 @dataclass(frozen=True)
-class BindArguments:
+class BindArguments(OnCpu):
     """Give a model the bones, weights and clips of a rig."""
 
-    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    model: Model
     """Model file, an .npz."""
-    rig: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="RIG")]
+    rig: Annotated[Path, Arg("RIG", positional=True)]
     """A skinned mesh and its clips (.glb, .gltf), a rig.npz of this model, or bones with matrices
     (.json)."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="RIGGED")]
+    output: Output
     """Model file to write, an .npz; it may be MODEL."""
     weights: Weights | None = None
-    """Those of the skinned mesh, smooth inside (harmonic) or of its nearest point (nearest); from
-    the bones, smooth (automatic) or one each (rigid).  Default: harmonic, automatic for a .json."""
+    """Weights of the skinned mesh, smooth inside (harmonic) or of its nearest point (nearest); or
+    from the bones, smooth (automatic) or one for each vertex (rigid). Default: harmonic, for a
+    .json automatic."""
     transform: Transform = None
     """Matrix [4x4, row by row] from the rig's space (z up) to that of the photographs' cameras;
     without it the rig's surface is laid on the model."""
 
 
 @dataclass(frozen=True)
-class InfoArguments:
+class InfoArguments(OnCpu):
     """Print the bones and clips of a model's rig."""
 
-    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    model: Model
     """Model file with a rig, an .npz."""
 
 
@@ -174,7 +173,7 @@ def rig_of_model(path: Path):
     field = fields.load(path)
     if field.rig_arrays is None:
         raise ValueError(
-            f"{path} has no rig: deformrf-rig bind {path} RIG.glb -o rigged.npz gives it one"
+            f"{path} has no rig: deformrf rig bind {path} RIG.glb -o rigged.npz gives it one"
         )
     try:
         return field, rigs.rig_from(field.rig_arrays, field.mesh.vertex_count)

@@ -1,41 +1,40 @@
-"""deformrf-rig export, check and import: a model's mesh to Blender, and what comes back."""
+"""deformrf rig export, check and import: a model's mesh to Blender, and what comes back."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import tyro
 
 from ..core import deform, render
 from ..core import field as fields
 from ..core.base.archive import open_archive
-from ..core.base.arguments import writable_file
+from ..core.base.arguments import Arg, Model, Output, writable_file
 from ..core.base.paths import ASSETS
 from ..core.base.streams import printable
 from ..core.geometry import boundary_faces, signed_volumes
 from ..wings import rig as rigs
+from .options import OnCpu
 from .running import FAILED, require
 
 ADDON = ASSETS / "blender" / "deformrf_rig.py"
 OUTSIDE = 0.01  # of the mesh's size, from a vertex to where its color's ray starts
-Model = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
-Back = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="FILE")]
-Rate = Annotated[float, tyro.conf.arg(aliases=["--fps"], metavar="FPS")]
+Back = Annotated[Path, Arg("RIG", positional=True)]
+Rate = Annotated[float, Arg("N", name="fps")]
 
 
 @dataclass(frozen=True)
-class ExportArguments:
+class ExportArguments(OnCpu):
     """Write a model's mesh for Blender (.ply), ParaView (.vtu) or USD (.usda, .usdc)."""
 
     model: Model
     """Model file, an .npz."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MESH")]
+    output: Output
     """File to write, a .ply, .vtu, .usda, .usd or .usdc."""
 
 
 @dataclass(frozen=True)
-class CheckArguments:
+class CheckArguments(OnCpu):
     """Check what came back from Blender: vertices, order, weights, clips, inverted tets."""
 
     model: Model
@@ -43,23 +42,23 @@ class CheckArguments:
     file: Back
     """The add-on's .npz, or a point cache: .pc2, .mdd or .npz."""
     frames_per_second: Rate = rigs.FRAMES_PER_SECOND
-    """Of a .pc2, which counts frames."""
+    """Frames per second of a .pc2, which does not say so."""
 
 
 @dataclass(frozen=True)
-class ImportArguments:
+class ImportArguments(OnCpu):
     """Give a model the rig that Blender's add-on exported, or the clip of a point cache."""
 
     model: Model
     """Model file whose mesh was exported, an .npz."""
     file: Back
     """The add-on's .npz, or a point cache: .pc2, .mdd or .npz."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="RIGGED")]
+    output: Output
     """Model file to write, an .npz; it may be MODEL."""
     inside: Literal["harmonic", "file"] = "harmonic"
     """Weights of the vertices inside: smooth between those of the surface, or the file's own."""
     frames_per_second: Rate = rigs.FRAMES_PER_SECOND
-    """Of a .pc2, which counts frames."""
+    """Frames per second of a .pc2, which does not say so."""
 
 
 def prepare_export(arguments: ExportArguments):

@@ -1,18 +1,16 @@
-"""deformrf-rig quality: what the clips of a rig do to the tets of its model."""
+"""deformrf rig quality: what the clips of a rig do to the tets of its model."""
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import tyro
 from PIL import Image, ImageDraw
 
-from ..core.base.arguments import File, writable_file
+from ..core.base.arguments import File, Model, Name, writable_file
 from ..core.base.paths import whole_file
 from ..core.base.streams import printable
 from ..core.geometry import boundary_faces
 from ..wings import rig as rigs
+from .options import OnCpu
 from .rig_bind import rig_of_model
 
 SIDE = 480  # of a view in the picture [pixels]
@@ -22,19 +20,19 @@ WELL, TORN = np.array([60, 120, 200]), np.array([230, 60, 40])  # colors of rati
 
 
 @dataclass(frozen=True)
-class QualityArguments:
+class QualityArguments(OnCpu):
     """Print the smallest volume ratios and the inverted tets of each clip, per bone."""
 
-    model: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="MODEL")]
+    model: Model
     """Model file with a rig, an .npz."""
-    clip: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None
-    """The clip to look at; without it all."""
+    clip: Name = None
+    """The clip to look at; by default all."""
     method: rigs.Method = "linear"
     """How bones move vertices."""
     untangle: bool = False
     """Untangle inverted tets first, as the table after physics shows them."""
     picture: File = None
-    """Picture of the worst moment to write, a .png: red is torn, a ring is around the worst."""
+    """Picture to write, a .png: the worst moment. Red is torn, a ring is around the worst tet."""
 
 
 def prepare_quality(arguments: QualityArguments):

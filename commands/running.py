@@ -8,7 +8,6 @@ it has written the results so far.
 import _thread
 import errno
 import importlib.util
-import logging
 import os
 import signal
 import sys
@@ -19,15 +18,14 @@ from contextlib import contextmanager
 from functools import cache
 from types import SimpleNamespace
 
-import tyro
-
 from ..core import training
 from ..core.base.arguments import plain_message
 from ..core.base.claims import release
 from ..core.base.paths import WriteError, program_version
 from ..core.base.streams import keep_going, printable
+from .dispatch import INPUT_ERROR
 
-FAILED, INPUT_ERROR, INTERRUPTED = 1, 2, 130  # exit codes
+FAILED, INTERRUPTED = 1, 130  # exit codes, with INPUT_ERROR
 AGAIN_SECONDS = 0.05  # until an interrupt that was lost comes again
 # Ctrl-C; SIGTERM comes from batch systems, SIGHUP from a terminal that was closed.
 STOPPING = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
@@ -108,19 +106,6 @@ def how_to_install(package: str) -> str:
         f"{package}, which {purpose}, is not installed: "
         f'pip install ".{brackets}" in the clone, or pip install "{wheel}{brackets}"'
     )
-
-
-def parsed(program: str, kind: type, words: list[str] | None):
-    """The arguments of a command without groups of options; from now on it logs to stderr.
-
-    Args:
-        kind: A dataclass of arguments.
-        words: Of the command line; None takes those of the process.
-    """
-    config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
-    arguments = tyro.cli(kind, prog=program, args=words, config=config)
-    logging.basicConfig(level=logging.WARNING, format=f"{program}: %(message)s")
-    return arguments
 
 
 def require(*packages: str):

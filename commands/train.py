@@ -1,4 +1,4 @@
-"""The command deformrf-train, which with --view shows the model while it is trained.
+"""The command deformrf train, which with --view shows the model while it is trained.
 
 Without --view nothing of the viewer is imported.
 """

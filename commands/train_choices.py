@@ -1,4 +1,4 @@
-"""What the flags of deformrf-train make of a preset, and whether they fit a run that is resumed."""
+"""What the flags of deformrf train make of a preset, and whether they fit a run that is resumed."""
 
 from dataclasses import replace
 from pathlib import Path

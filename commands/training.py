@@ -1,4 +1,4 @@
-"""deformrf-train: photographs with known cameras in, a model file out."""
+"""deformrf train: photographs with known cameras in, a model file out."""
 
 import os
 import sys
@@ -8,17 +8,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import tyro
 from platformdirs import user_state_path
 
 from ..core import field as fields
 from ..core import training
 from ..core.base import kernel_cache
-from ..core.base.arguments import Box, Count, Meters, object_size, with_size, writable_file
+from ..core.base.arguments import (
+    Arg,
+    Box,
+    Count,
+    Data,
+    Folder,
+    Meters,
+    Output,
+    object_size,
+    with_size,
+    writable_file,
+)
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import free_name
 from .capturing import needs_cameras, prepared
 from .checking import check
+from .options import parsed
 from .running import (
     FAILED,
     INTERRUPTED,
@@ -31,10 +42,10 @@ from .running import (
 )
 from .train_choices import check_resumed_views, resumed_run, train_options
 
-PROGRAM = "deformrf-train"
+PROGRAM = "deformrf train"
 
-Number = Annotated[float | None, tyro.conf.arg(metavar="R", help_behavior_hint="")]
-Words = Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD ...", help_behavior_hint="")]
+Number = Annotated[float | None, Arg("R")]
+Words = Annotated[tuple[str, ...], Arg("WORD ...")]
 
 
 @dataclass(frozen=True)
@@ -42,46 +53,46 @@ class TrainArguments:
     """Train a model from photographs, or from images with cameras: Blender, nerfstudio,
     instant-ngp, NSVF or COLMAP.
 
-    On N GPUs of one host: torchrun --standalone --nproc-per-node N --no-python deformrf-train
-    DATA -o MODEL.
+    On N GPUs of one host: torchrun --standalone --nproc-per-node N --no-python deformrf train
+    DATA -o FILE
     """
 
-    data: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DATA")]
+    data: Data
     """Folder of photographs, or a video; or a folder with transforms_train.json, transforms.json,
     rgb/ and pose/, or sparse/0/; or a scan of Polycam or Record3D."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="MODEL")]
+    output: Output
     """Model file to write, an .npz."""
     preset: Literal["default", "fast", "small", "tiny"] = "default"
     """default: a GPU, minutes; fast: a GPU, a first look; small: a GPU, a quarter of the file,
     quicker to render; tiny: two CPU cores, minutes."""
     device: Choice = "auto"
-    """auto takes CUDA if there is any."""
+    """Where the work is done; auto, the default, takes CUDA if there is any."""
     steps: Count = None
     """Optimization steps, divided between the two stages as in the preset."""
     seed: Count = None
     """Seed of all random numbers."""
     image_size: Count = None
-    """Shrink the images to this longer side [pixels]; photographs whose cameras are found here
-    to 1600 if it isn't given."""
+    """Shrink the images to this longer side [pixels]; photographs whose cameras are found first,
+    by default to 1600."""
     aabb: Box = None
-    """The object's box, lowest and highest corner [the data's units]; else the box in the data,
+    """The object's box, lowest and highest corner [the data's units]. By default the data's own,
     the one that is found in photographs, or one around the place that the cameras look at."""
     scene_radius: Number = None
     """The same, for a box from -R to R around the data's origin."""
-    spacing: Annotated[float | None, tyro.conf.arg(metavar="DX", help_behavior_hint="")] = None
-    """Unit of the mesh's lattice [of the box's longest side]; default: the preset's, 0.02 or, for
-    tiny, 0.04. With half of it the mesh bends more finely, and has some six times the tets."""
+    spacing: Annotated[float | None, Arg("DX")] = None
+    """Unit of the mesh's lattice [of the box's longest side]; by default 0.02, or 0.04 with the
+    preset tiny. With half of it the mesh bends more finely, and has some six times the tets."""
     surroundings: Literal["auto", "learnt", "white"] = "auto"
-    """The surroundings of the object: learnt (a field of their own), or white (or cut out by
-    alpha); auto decides by the images."""
+    """What is around the object: learnt, by a field of its own; white, or cut out by alpha; auto,
+    the default, decides by the images."""
     keep_surroundings: bool = False
-    """Store the surroundings in the model, and all that is in the object's box, so that
-    deformrf-eval can compare whole images."""
+    """Store the surroundings in the model, and all that is in the object's box: deformrf eval then
+    compares whole images."""
     color_width: Count = None
-    """Width of the color network's hidden layers; default: the preset's, 256 or, for small 128, for
-    tiny 64. Narrower is quicker to draw, above all on a CPU, and shows less of what shines."""
+    """Width of the color network's hidden layers; by default 256, or 128 with the preset small, 64
+    with tiny. Narrower is quicker to draw, above all on a CPU, and shows less of what shines."""
     view_dependence: bool = True
-    """Without it colors look the same from all sides, and cost less."""
+    """Colors look the same from all sides, and cost less."""
     leave_out: Words = ()
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
     (tets are occupied as a whole), dense-levels (all are hashed), ray-color (each sample has a
@@ -90,26 +101,34 @@ class TrainArguments:
     blur-weights (blurred photographs count like others)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
-    size: Meters = None
+    object_size: Meters = None
     """The object's longest side [m], which the model states: the viewer's material and gravity
     follow it. By default one model unit, about the width of the box, is 1 m."""
-    masks: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER", help_behavior_hint="")] = None
+    masks: Folder = None
     """Folder of the images' masks, white where the object is: of the same names, or with _mask
     behind them; without it, those that transforms.json names, if it does."""
-    check: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
-        False
-    )
-    """Don't train: find the cameras of photographs, and write MODEL-check.png about them."""
+    check: bool = False
+    """Don't train: find the cameras of photographs, and write a page about them, NAME-check.png
+    beside NAME.npz."""
     outside_images: bool = False
     """Read images that lie outside DATA, too."""
     resume: bool = False
-    """Continue the interrupted run that was to write MODEL. Finding cameras always goes on where
+    """Continue the interrupted run that was to write FILE. Finding cameras always goes on where
     it was interrupted."""
-    view: Annotated[bool, tyro.conf.arg(help_behavior_hint=""), tyro.conf.FlagCreatePairsOff] = (
-        False
-    )
+    view: bool = False
     """Show the model while it is trained, in a window where it can be dragged. Training goes on
     when the window is closed."""
+
+    GROUPS = {  # noqa: RUF012
+        "The photographs": ("image_size", "masks", "outside_images", "check"),
+        "The object": (
+            *("aabb", "scene_radius", "object_size", "surroundings", "keep_surroundings"),
+        ),
+        "The method": (
+            *("steps", "seed", "spacing", "color_width", "view_dependence", "entry_bits"),
+            "leave_out",
+        ),
+    }
 
 
 def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]) -> int:
@@ -118,7 +137,7 @@ def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]) -> int
     Args:
         prepare: Checks the arguments and returns the work, as prepare_training does.
     """
-    arguments = tyro.cli(TrainArguments, prog=PROGRAM)
+    arguments = parsed(PROGRAM, TrainArguments)
     code = run(PROGRAM, lambda: prepare(arguments))
     if "torch.distributed" in sys.modules and training.was_worker():
         # All is written.  A thread of torch's that outlives the group of workers aborts one of them
@@ -142,7 +161,7 @@ def prepare_training(
         on_trained: Called with its result, before that is written.
     """
     require("torch")
-    object_size("--size", arguments.size)
+    object_size("--object-size", arguments.object_size)
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     # A run that was interrupted while it sought cameras has no checkpoint yet.
@@ -302,7 +321,7 @@ def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> 
 def model_of(trained, arguments: TrainArguments):
     """The TetField that is written."""
     shown = trained.whole if arguments.keep_surroundings else None
-    kept = with_size(shown or trained.field, arguments.size)
+    kept = with_size(shown or trained.field, arguments.object_size)
     return kept if arguments.keep_surroundings else replace(kept, surroundings=None)
 
 

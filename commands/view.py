@@ -1,4 +1,4 @@
-"""The command deformrf-view: parse, check, open a window (or none), run, report.
+"""The command deformrf view: parse, check, open a window (or none), run, report.
 
 Ctrl-C and SIGTERM end the video early.  Warp and pyglet are imported when the arguments are known
 to be good, so that --help is quick.
@@ -12,17 +12,17 @@ from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal, Optional
-
-import tyro
+from typing import Annotated, Literal
 
 from ..core import field as fields
 from ..core.base.arguments import (
-    AnyModel,
+    Arg,
     Count,
     Demo,
     File,
+    Folder,
     Meters,
+    Model,
     at_least,
     chosen_model,
     object_size,
@@ -36,87 +36,86 @@ from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
 from ..wings import capture
-from .running import FAILED, interrupts_waiting, parsed, run
+from . import doctor
+from .options import parsed
+from .running import FAILED, interrupts_waiting, run
 
 log = logging.getLogger(__name__)
 
-PROGRAM = "deformrf-view"
+PROGRAM = "deformrf view"
 SLOW_START = 1.5  # s after which the user is told what takes so long
 HEADLESS_SIZE = 400, 400
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
-Size = Annotated[Optional[str], tyro.conf.arg(metavar="WxH", help_behavior_hint="")]
-Drag = Annotated[Optional[str], tyro.conf.arg(metavar="VERTEX:DX,DY,DZ", help_behavior_hint="")]
-Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
+Size = Annotated[str | None, Arg("WxH")]
+Drag = Annotated[str | None, Arg("VERTEX:DX,DY,DZ")]
 
 
 @dataclass(frozen=True)
 class RunArguments:
     """Runs without a mouse."""
 
-    headless: Flag = False
+    headless: bool = False
     """Render into the files of --record and --screenshot, without a display."""
     frames: Count = None
     """End after that many frames (90 if headless)."""
     drag: Drag = None
-    """Headless: drag a vertex by an offset [model units, the object is about 1 wide] in the
-    first third of the frames, hold it in the second, let it go in the third. VERTEX is an id,
-    or the word top: the highest control vertex that is not pinned."""
+    """Headless: drag a vertex by an offset [model units; the object is about 1 wide] in the first
+    third of the frames, hold it in the second, let it go in the third. VERTEX is an id, or the word
+    top: the highest red point that is not pinned."""
     record: File = None
-    """Write an MP4 of the run."""
+    """Video of the run to write, a .mp4."""
     screenshot: File = None
-    """Write a PNG of the last frame; with --drag, of the last one before it is let go."""
-    transparent: Flag = False
-    """The PNG shows the field alone, with its opacity as alpha."""
+    """Picture to write, a .png: the last frame or, with --drag, the last one before it is let
+    go."""
+    transparent: bool = False
+    """Leave the background out of the picture."""
 
 
 @dataclass(frozen=True)
 class InnerArguments:
     """For programs that drive the viewer, and for finding faults."""
 
-    interop: Annotated[
-        Optional[Literal["auto", "buffer", "copy"]], tyro.conf.arg(help_behavior_hint="")
-    ] = None
-    """How CUDA frames reach OpenGL: a shared buffer, or a copy through host memory; auto, the
-    default, takes the buffer if that works."""
-    log_events: Flag = False
-    """Print one JSON line per event: ready, state, grab, release, orbit, resize, ..."""
+    interop: Literal["auto", "buffer", "copy"] | None = None
+    """How frames get from CUDA to OpenGL: by a shared buffer, or by a copy through host memory.
+    auto, the default, takes the buffer if that works."""
+    log_events: bool = False
+    """Print one JSON line for each event: ready, state, grab, release, orbit, resize, ..."""
 
 
 @dataclass(frozen=True)
 class PhotographArguments:
     """What the model was trained on."""
 
-    data: File = None
-    """Folder of the data set: [ and ] jump to its cameras."""
-    outside_images: Flag = False
+    data: Folder = None
+    """Folder of the data set; the keys [ and ] jump to its cameras."""
+    outside_images: bool = False
     """Read images that lie outside that folder, too."""
 
 
 @dataclass(frozen=True)
 class ViewArguments:
-    """Grab red control vertices of an object and bend it."""
+    """Grab the red points of an object and bend it."""
 
-    model: AnyModel = DEFAULT_MODEL
+    model: Model = DEFAULT_MODEL
     """Model file, an .npz; the bundled helmet by default."""
     demo: Demo = None
     """A bundled model instead: helmet, or fox, which has bones and clips."""
     device: Choice = "auto"
-    """auto takes CUDA if there is any."""
+    """Where the work is done; auto, the default, takes CUDA if there is any."""
     size: Size = None
-    """Size of the window [points], by default as it was last (1200x800), or, headless, of frames
-    [pixels], 400x400 by default."""
+    """Size of the window [points], by default as it was last, at first 1200x800; headless: of
+    frames [pixels], by default 400x400."""
     object_size: Meters = None
     """The object's longest side [m]; by default what the model says, else one model unit is 1 m.
     The same material is stiffer for its weight where the object is smaller."""
     session: File = None
     """Begin where this session ended (Ctrl+Shift+S saves one)."""
-    mode: Annotated[Optional[Mode], tyro.conf.arg(help_behavior_hint="")] = None
-    """View mode, color by default; error is the difference from the exact mode of rendering."""
-    fps: Annotated[int, tyro.conf.arg(metavar="N")] = 30
-    """Frames per second of clips."""
-    doctor: Flag = False
-    """Print versions, OpenGL, CUDA, how frames reach OpenGL, the video encoder."""
+    mode: Mode | None = None
+    """View mode, by default color; samples are those along a ray, error is the difference from the
+    exact mode of rendering."""
+    fps: Annotated[int, Arg("N")] = 30
+    """Frames per second of videos of the screen."""
     photographs: PhotographArguments = field(default_factory=PhotographArguments)
     run: RunArguments = field(default_factory=RunArguments)
     inner: InnerArguments = field(default_factory=InnerArguments)
@@ -124,7 +123,10 @@ class ViewArguments:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns its exit code, which the console script passes to sys.exit."""
-    chosen = parsed(PROGRAM, ViewArguments, arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if "--doctor" in words:  # a command of its own now
+        return doctor.main([word for word in words if word == "--headless"])
+    chosen = parsed(PROGRAM, ViewArguments, words)
     return run(PROGRAM, lambda: prepare(chosen))
 
 
@@ -163,7 +165,7 @@ def refuse_photographs(model: Path) -> None:
         what = shlex.quote(str(model))
         raise ValueError(
             f"{model} holds photographs, not a model; this trains one of them: "
-            f"deformrf-train {what} -o model.npz"
+            f"deformrf train {what} -o model.npz"
         )
 
 
@@ -176,7 +178,7 @@ def refuse_data(model: Path) -> None:
     if kind == ".r3d" and is_file:
         raise ValueError(
             f"{model} is a recording of Record3D, not a model: unzip it (it is a zip), and give "
-            f"that folder to deformrf-train"
+            f"that folder to deformrf train"
         )
     folder = model.parent if kind == ".json" and is_file else model
     if not folder.is_dir():
@@ -186,7 +188,7 @@ def refuse_data(model: Path) -> None:
     if has_cameras(folder) and (is_file or not capture.is_capture(folder)):
         raise ValueError(
             f"{model} is a data set, photographs with their cameras, not a model; this trains one "
-            f"of it: deformrf-train {shlex.quote(str(folder))} -o model.npz"
+            f"of it: deformrf train {shlex.quote(str(folder))} -o model.npz"
         )
 
 
@@ -220,10 +222,6 @@ def frame_size(text: str) -> tuple[int, int]:
 @no_garbage_collected()  # what is loaded is no garbage: a tenth of the start's time
 def prepare(chosen: ViewArguments) -> Callable[[], int]:
     """Check the arguments, and show the model in its first pose; returns the work."""
-    if chosen.doctor:
-        from ..viewer.doctor import report
-
-        return lambda: report(chosen.run.headless)
     chosen = replace(chosen, model=chosen_model(chosen.model, chosen.demo))
     check(chosen)
     if chosen.device != "cpu" and chosen.model.exists():

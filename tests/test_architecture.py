@@ -91,7 +91,7 @@ def test_a_section_of_the_report_is_as_described(follow, ball_file, tmp_path, mo
     plan = command.plan
     monkeypatch.setattr(command, "plan", lambda *arguments: plan(*arguments)[:1])
     monkeypatch.setattr(command, "EFFORTS", {(True, True): least})
-    words = ["deformrf-report", str(ball_file), "-o", str(tmp_path / "report")]
+    words = ["deformrf", str(ball_file), "-o", str(tmp_path / "report")]
     monkeypatch.setattr(sys, "argv", [*words, "--device", "cpu", "--quick"])
 
     def report():

@@ -24,7 +24,7 @@ def machine(tmp_path):
     for folder, names in (
         (commands, {"sudo": "", "apt-get": "", "dpkg-query": "exit 1\n"}),
         (commands, {"other3.13": version.format("3.13.0", 0), "python3.9": version.format(3.9, 1)}),
-        (venv / "bin", {"python": version.format("3.12.1", 0), "pip": "", "deformrf-view": ""}),
+        (venv / "bin", {"python": version.format("3.12.1", 0), "pip": "", "deformrf": ""}),
     ):
         folder.mkdir(parents=True, exist_ok=True)
         for name, ending in names.items():
@@ -44,7 +44,7 @@ def machine(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "target, started", [("demo", "deformrf-view"), ("test", "python -m pytest")]
+    "target, started", [("demo", "deformrf view"), ("test", "python -m pytest")]
 )
 def test_set_up_only_says_what_the_system_lacks(machine, target, started):
     done, calls = machine(target)

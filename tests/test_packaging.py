@@ -167,12 +167,11 @@ def test_a_wheel_in_an_empty_environment_views(wheel, python, tmp_path):
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "XDG_", "WARP_"))}
     options = {"cwd": tmp_path, "env": kept | {"HOME": str(tmp_path)}}
     view = ["--headless", "--frames", "1", "--size", "64x48", "--screenshot", "a.png"]
-    done = run([venv / "bin" / "deformrf-view", *view], **options)
+    done = run([venv / "bin" / "deformrf", "view", *view], **options)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.png").stat().st_size
     for command, extra in ("train . -o m.npz", "train"), ("report", "report"):
-        program, *words = f"deformrf-{command}".split()
-        done = run([venv / "bin" / program, *words], **options)
+        done = run([venv / "bin" / "deformrf", *command.split()], **options)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
         assert f'pip install "{wheel.name}[{extra}]"' in done.stderr
 

@@ -1,4 +1,4 @@
-"""--doctor: the facts that a report of a problem should begin with."""
+"""deformrf doctor: the facts that a report of a problem should begin with."""
 
 import os
 import platform

@@ -40,16 +40,16 @@ PLY_TYPES = {"float": "<f4", "int": "<i4", "uchar": "u1"}
 PLY_WIDTHS = {"face": 3, "tet": 4, "preview_face": 3}
 
 
-# The file of deformrf-rig export
+# The file of deformrf rig export
 
 
 def read_ply(path):
-    """The elements of a PLY of deformrf-rig export, as structured arrays by name."""
+    """The elements of a PLY of deformrf rig export, as structured arrays by name."""
     data = Path(path).read_bytes()
     header, end, body = data.partition(b"end_header\n")
     lines = header.decode("ascii", "replace").splitlines()
     if not end or lines[:2] != ["ply", "format binary_little_endian 1.0"]:
-        raise ValueError(f"{Path(path).name} is no PLY of deformrf-rig export")
+        raise ValueError(f"{Path(path).name} is no PLY of deformrf rig export")
     elements, at = {}, 0
     for number, line in enumerate(lines):
         if not line.startswith("element "):
@@ -73,7 +73,7 @@ def read_ply(path):
         not {"vertex", "face", "edge", "tet"} <= set(elements)
         or ID not in elements["vertex"].dtype.names
     ):
-        raise ValueError(f"{Path(path).name} has no tets: make it with deformrf-rig export")
+        raise ValueError(f"{Path(path).name} has no tets: make it with deformrf rig export")
     return elements
 
 
@@ -548,7 +548,7 @@ def only(context, active, *others):
 
 
 class DEFORMRF_OT_import(Step, bpy.types.Operator, ImportHelper):
-    """Import the coarse mesh, and what was photographed, from a file of deformrf-rig export"""
+    """Import the coarse mesh, and what was photographed, from a file of deformrf rig export"""
 
     bl_idname = "deformrf.import_mesh"
     bl_label = "Import coarse mesh"
@@ -681,7 +681,7 @@ class DEFORMRF_OT_check(Step, bpy.types.Operator):
 
 
 class DEFORMRF_OT_export(Step, bpy.types.Operator, ExportHelper):
-    """Write weights, bones, clips and shape keys for deformrf-rig import"""
+    """Write weights, bones, clips and shape keys for deformrf rig import"""
 
     bl_idname = "deformrf.export_rig"
     bl_label = "Export rig"

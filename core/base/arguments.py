@@ -1,30 +1,36 @@
-"""Arguments that several commands have: how --help shows them, and their checks.
-
-Write Optional[X], not X | None: for the latter, tyro imports typeguard and 60 other modules.
-"""
+"""Options that several commands have: how --help shows them, and their checks."""
 
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Optional
-
-import tyro
+from typing import Annotated, NamedTuple
 
 from .claims import claim
 from .paths import BUNDLED, DEFAULT_MODEL, WriteError, discard, reserved, target_of
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-4, 1e4  # m, of an object's longest side
-Count = Annotated[Optional[int], tyro.conf.arg(metavar="N", help_behavior_hint="")]
-AnyModel = Annotated[  # may be left out, unlike deformrf-eval's
-    tyro.conf.Positional[Path], tyro.conf.arg(metavar="[MODEL]", help_behavior_hint="")
-]
-Demo = Annotated[Optional[str], tyro.conf.arg(metavar="NAME", help_behavior_hint="")]
-Meters = Annotated[Optional[float], tyro.conf.arg(metavar="METERS", help_behavior_hint="")]
-File = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH", help_behavior_hint="")]
-Box = Annotated[
-    Optional[tuple[(float,) * 6]],
-    tyro.conf.arg(metavar="X0 Y0 Z0 X1 Y1 Z1", help_behavior_hint=""),
-]
+
+
+class Arg(NamedTuple):
+    """How an option is written, as a note of the type of its field."""
+
+    value: str = ""  # what stands for its value in --help
+    short: str = ""
+    name: str = ""  # without dashes; "" for the field's
+    positional: bool = False
+
+
+Count = Annotated[int | None, Arg("N")]
+Model = Annotated[Path, Arg("MODEL", positional=True)]
+Data = Annotated[Path, Arg("DATA", positional=True)]
+Output = Annotated[Path, Arg("FILE", short="-o")]
+Name = Annotated[str | None, Arg("NAME")]
+Demo = Name
+Share = Annotated[float, Arg("SHARE")]  # 0 to 1
+Meters = Annotated[float | None, Arg("METERS")]
+File = Annotated[Path | None, Arg("PATH")]
+Folder = Annotated[Path | None, Arg("FOLDER")]
+Box = Annotated[tuple[(float,) * 6] | None, Arg("X0 Y0 Z0 X1 Y1 Z1")]
 
 
 def plain_message(error: Exception) -> str:

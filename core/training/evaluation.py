@@ -192,7 +192,7 @@ def check_replaceable(report_path: Path, *picture_paths: Path) -> None:
     for path in (report_path, *picture_paths):
         if path.exists() and path.stat().st_size:
             raise ValueError(
-                f"{path} exists and is not a file of deformrf-eval, which would overwrite it: "
+                f"{path} exists and is not a file of deformrf eval, which would overwrite it: "
                 f"give another name"
             )
 

@@ -1,6 +1,6 @@
 """The picture of docs/rigs.md: the bundled model in Blender, with three bones, at rest and bent.
 
-    deformrf-rig export assets/helmet.npz -o helmet.ply
+    deformrf rig export assets/helmet.npz -o helmet.ply
     PYTHON tests/benchmarks/blender_picture.py helmet.ply docs/figures/blender.png
 
 PYTHON is a Python that imports bpy.  What is drawn is what the add-on shows: the preview, the

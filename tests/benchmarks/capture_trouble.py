@@ -1,4 +1,4 @@
-"""Photographs with something wrong, through deformrf-train: what the program makes of them.
+"""Photographs with something wrong, through deformrf train: what the program makes of them.
 
     python tests/benchmarks/capture_trouble.py DATA OUT [OPTION ...]
 
@@ -273,10 +273,10 @@ def main():
     parser.add_argument("--kinds", nargs="+", default=known, choices=known)
     parser.add_argument("--others", type=Path, help="folder with photographs of something else")
     parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--preset", default="tiny", help="of deformrf-train")
-    parser.add_argument("--device", default="cpu", help="of deformrf-train")
-    parser.add_argument("--steps", type=int, help="of deformrf-train")
-    parser.add_argument("--leave-out", nargs="+", help="of deformrf-train")
+    parser.add_argument("--preset", default="tiny", help="of deformrf train")
+    parser.add_argument("--device", default="cpu", help="of deformrf train")
+    parser.add_argument("--steps", type=int, help="of deformrf train")
+    parser.add_argument("--leave-out", nargs="+", help="of deformrf train")
     arguments = parser.parse_args()
     start_warp()
     photos, others = (

@@ -1,7 +1,7 @@
 """The session of README's clip: assets/demo.jsonl, made by a hand that follows a plan.
 
     python tests/benchmarks/demo_session.py [--out assets/demo.jsonl]
-    deformrf-render --session assets/demo.jsonl --size 480x360 --fps 15 --samples 4 \\
+    deformrf render --session assets/demo.jsonl --size 480x360 --fps 15 --samples 4 \\
         -o docs/figures/demo.webp
 
 The head is dragged aside and let go, selected points are turned and come back, the camera goes

@@ -2,7 +2,7 @@
 
     python tests/benchmarks/rig_films.py FOX.npz -o docs/figures/bones.webp
 
-FOX.npz is a model with a rig that has the clip Run (deformrf-rig bind).  Both films have as many
+FOX.npz is a model with a rig that has the clip Run (deformrf rig bind).  Both films have as many
 frames and are put side by side.
 """
 
@@ -45,7 +45,7 @@ def bent_helmet(duration: float):
 
 
 def frames(model, clip, size, folder):
-    """A clip's frames as the command deformrf-render makes them."""
+    """A clip's frames as the command deformrf render makes them."""
     command = "from deformrf.commands.render import main; raise SystemExit(main())"
     options = ["--fps", str(FPS), "--samples", str(SAMPLES), "-o", str(folder)]
     arguments = [str(model), "--clip", clip, "--size", size, *options]

@@ -36,30 +36,28 @@ from deformrf.wings import rig as rigs
 
 RUN = """
 import sys
-from deformrf.commands.entry import begin
-program, *sys.argv[1:] = sys.argv[1:]
-sys.exit(begin(program))
+from deformrf.commands.entry import main
+sys.exit(main())
 """
 LONGEST = 900.0  # s
 OUT = "{out}"
 COMMANDS = {  # {out}: the folder that they write to
-    "view": "deformrf-view {rigged} --headless --frames 2 --size 64x48 --device cpu "
+    "view": "view {rigged} --headless --frames 2 --size 64x48 --device cpu "
     "--session {session} --screenshot {out}/a.png --record {out}/a.mp4",
-    "render": "deformrf-render {rigged} --session {session} --size 64x48 --device cpu "
-    "-o {out}/a.mp4",
-    "pictures": "deformrf-render {rigged} --turntable 0.1 --size 64x48 --device cpu -o {out}/pngs",
-    "train": "deformrf-train {data} -o {out}/a.npz --preset tiny --steps 200 --spacing 0.08 "
+    "render": "render {rigged} --session {session} --size 64x48 --device cpu -o {out}/a.mp4",
+    "pictures": "render {rigged} --turntable 0.1 --size 64x48 --device cpu -o {out}/pngs",
+    "train": "train {data} -o {out}/a.npz --preset tiny --steps 200 --spacing 0.08 "
     "--scene-radius 0.6 --device cpu",
-    "eval": "deformrf-eval {model} {data} --split train --views 2 --json {out}/a.json "
-    "--images {out}/pictures --device cpu",
-    "edit": "deformrf-edit {rigged} -o {out}/a.npz --specks 0",
-    "export": "deformrf-rig export {model} -o {out}/a.ply",
-    "import": "deformrf-rig import {rigged} {cache} -o {out}/a.npz",
-    "check": "deformrf-rig check {rigged} {cache}",
-    "bind": "deformrf-rig bind {model} {rig} -o {out}/a.npz",
-    "info": "deformrf-rig info {rigged}",
-    "quality": "deformrf-rig quality {rigged} --picture {out}/a.png",
-    "report": "deformrf-report {model} -o {out}/report --quick --device cpu",
+    "eval": "eval {model} {data} --split train --views 2 -o {out}/a.json "
+    "--pictures {out}/pictures --device cpu",
+    "edit": "edit {rigged} -o {out}/a.npz --specks 0",
+    "export": "rig export {model} -o {out}/a.ply",
+    "import": "rig import {rigged} {cache} -o {out}/a.npz",
+    "check": "rig check {rigged} {cache}",
+    "bind": "rig bind {model} {rig} -o {out}/a.npz",
+    "info": "rig info {rigged}",
+    "quality": "rig quality {rigged} --picture {out}/a.png",
+    "report": "report {model} -o {out}/report --quick --device cpu",
 }
 READ_ONLY = "mount -t tmpfs -o ro,size=4k none {place}"
 FULL = "mount -t tmpfs -o size=4k none {place}"

@@ -1,4 +1,4 @@
-"""deformrf-edit: smaller models, and what it refuses."""
+"""deformrf edit: smaller models, and what it refuses."""
 
 import numpy as np
 import pytest

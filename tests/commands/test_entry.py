@@ -28,44 +28,51 @@ sys.exit(getattr(importlib.import_module(module), name)())
 SCRIPTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
 
 
+NAMES = {"deformrf": "deformrf view"} | {
+    program: program.replace("-", " ") for program in SCRIPTS if "-" in program
+}
+
+
 @pytest.mark.parametrize("program", SCRIPTS)
-@pytest.mark.parametrize("package", ["dataclasses", "tyro"])
+@pytest.mark.parametrize("package", ["dataclasses", "argparse"])
 def test_an_interrupt_of_the_imports_is_one_line(program, package):
-    command = [sys.executable, "-c", PROGRAM, package, SCRIPTS[program]]
+    words = ["view"] if program == "deformrf" else []
+    command = [sys.executable, "-c", PROGRAM, package, SCRIPTS[program], *words]
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (130, "")
-    assert run.stderr == f"{program}: interrupted\n"
+    assert run.stderr == f"{NAMES[program]}: interrupted\n"
 
 
 def test_an_interrupt_waits_until_torch_is_imported(data, tmp_path):
     """It can't be imported again after an import that was ended halfway."""
     arguments = [str(data), "-o", str(tmp_path / "m.npz"), "--preset", "tiny", "--device", "cpu"]
     arguments += ["--scene-radius", "1.3"]
-    command = [sys.executable, "-c", PROGRAM, "torch.optim.adam", SCRIPTS["deformrf-train"]]
+    command = [sys.executable, "-c", PROGRAM, "torch.optim.adam", SCRIPTS["deformrf"], "train"]
     run = subprocess.run([*command, *arguments], capture_output=True, text=True)
-    assert (run.returncode, run.stderr) == (130, "deformrf-train: interrupted\n")
+    assert (run.returncode, run.stderr) == (130, "deformrf train: interrupted\n")
 
 
 def test_every_command_begins_here():
-    assert SCRIPTS.keys() | {"deformrf-data"} == entry.COMMANDS.keys()
+    older = {f"deformrf-{name}" for name in entry.COMMANDS}
+    assert {"deformrf"} <= SCRIPTS.keys() <= {"deformrf", *older} and len(SCRIPTS) == 8
     assert all(target.startswith("deformrf.commands.entry:") for target in SCRIPTS.values())
 
 
-@pytest.mark.parametrize("program", SCRIPTS)
-def test_every_command_says_its_version(program, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", [program, "--version"])
-    assert entry.begin(program) == 0
+@pytest.mark.parametrize("name", entry.COMMANDS)
+def test_every_command_says_its_version(name, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", [name, "--version"])
+    assert entry.begin(name) == 0
     assert capsys.readouterr().out == f"deformrf {program_version()}\n"
 
 
 @pytest.mark.parametrize("program", SCRIPTS)
-def test_verbose_is_in_every_help(program):
-    code = f"from deformrf.commands.entry import begin; import sys; sys.exit(begin({program!r}))"
-    for flags in (["--help"], ["bind", "-h"] if program == "deformrf-rig" else ["-h"]):
-        command = [sys.executable, "-c", code, *flags]
-        run = subprocess.run(command, capture_output=True, text=True)
-        assert (run.returncode, run.stderr) == (0, "")
-        assert run.stdout.splitlines()[-1] == entry.EVERYWHERE
+def test_an_older_name_is_the_same_command(program):
+    target = SCRIPTS[program].partition(":")[2]
+    code = f"from deformrf.commands.entry import {target}; import sys; sys.exit({target}())"
+    words = ["view", "-h"] if program == "deformrf" else ["-h"]
+    run = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert run.stdout.startswith(f"usage: {NAMES[program]} ")
 
 
 FAULT = """
@@ -93,7 +100,7 @@ def test_a_fault_leaves_a_report_that_can_be_passed_on(tmp_path, arguments):
     state = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")}
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, env=state)
     assert run.returncode == 1 and "Traceback" in run.stderr
-    assert ("deformrf-view: grab\n" in run.stderr) == bool(arguments)
+    assert ("deformrf view: grab\n" in run.stderr) == bool(arguments)
     (report,) = (tmp_path / "state").rglob("crash-*.txt")
     assert str(report) in run.stderr
     text = report.read_text()
@@ -117,7 +124,7 @@ def test_garbage_is_collected_after_the_start_and_not_at_the_end():
         "atexit.register(lambda: print(gc.isenabled(), gc.get_freeze_count() > 10_000))\n"
         "from deformrf.commands.entry import begin\n"
         "sys.argv = ['x', '--help']\n"
-        "sys.exit(begin('deformrf-view'))\n"
+        "sys.exit(begin('view'))\n"
     )
     run = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
     assert run.stdout.split("\n")[-2:] == ["True True", ""]
@@ -130,9 +137,9 @@ def test_a_signal_after_the_commands_end_shows_no_traceback(name, tmp_path):
 import contextlib, signal, sys
 from deformrf.commands.entry import begin
 signal.signal(signal.SIGINT, signal.default_int_handler)
-sys.argv = ["deformrf-edit", "missing.npz", "-o", "smaller.npz"]
+sys.argv = ["deformrf", "missing.npz", "-o", "smaller.npz"]
 with contextlib.suppress(SystemExit):
-    begin("deformrf-edit")
+    begin("edit")
 signal.raise_signal(signal.{name})
 """
     done = subprocess.run(

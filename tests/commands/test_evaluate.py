@@ -1,4 +1,4 @@
-"""deformrf-eval: the scores and files that it writes, and what it refuses."""
+"""deformrf eval: the scores and files that it writes, and what it refuses."""
 
 import errno
 import json
@@ -26,7 +26,7 @@ def model(field, tmp_path):
 
 def test_evaluation_reports_each_view_and_the_mean(call, data, model, tmp_path):
     scores, images = tmp_path / "new" / "scores.json", tmp_path / "images"
-    result = call(evaluate.main, model, data, "--json", scores, "--images", images)
+    result = call(evaluate.main, model, data, "-o", scores, "--pictures", images)
     assert result.code == 0
     report = json.loads(scores.read_text())
     assert [view["name"] for view in report["views"]] == ["r_0", "r_1"]
@@ -39,7 +39,7 @@ def test_evaluation_reports_each_view_and_the_mean(call, data, model, tmp_path):
 
 
 def test_evaluation_of_a_few_small_views(call, data, model, tmp_path):
-    flags = ("--split", "train", "--views", 2, "--image-size", 15, "--json", tmp_path / "s.json")
+    flags = ("--split", "train", "--views", 2, "--image-size", 15, "-o", tmp_path / "s.json")
     assert call(evaluate.main, model, data, *flags).code == 0
     report = json.loads((tmp_path / "s.json").read_text())
     assert [view["name"] for view in report["views"]] == ["r_0", "r_2"]
@@ -95,7 +95,7 @@ def change_meta(path, **changes):
 )
 def test_a_model_with_a_malformed_training_entry_is_evaluated(call, data, model, training):
     change_meta(model, training=training)
-    result = call(evaluate.main, model, data, "--device", "cpu", "--json", data / "scores.json")
+    result = call(evaluate.main, model, data, "--device", "cpu", "-o", data / "scores.json")
     assert result.code == 0
     assert not [key for key in facts(data / "scores.json") if key.startswith("training_")]
 
@@ -133,9 +133,9 @@ def test_missing_images_are_reported_and_skipped(call, data, model):
     [
         (["--image-size", 8], "at least 11x11 pixels"),
         (["--views", 0], "number of views is 0"),
-        (["--split", "tset"], "--split is 'tset'; give train, val, test"),
+        (["--split", "tset"], "--split: invalid choice: 'tset' (choose from"),
         (["--split", "val"], "holds no transforms_val.json"),
-        (["--json", "scores.txt"], "has to end in .json"),
+        (["-o", "scores.txt"], "has to end in .json"),
         (["--step-factor", 0], "--step-factor is 0"),
     ],
 )
@@ -154,31 +154,31 @@ def test_a_command_prints_one_sentence_and_nothing_else(data, tmp_path):
     command = [sys.executable, "-c", program, tmp_path / "no.npz", data]
     run = subprocess.run(command, capture_output=True, text=True)
     assert (run.returncode, run.stdout) == (2, "")
-    assert run.stderr == f"deformrf-eval: there is no model file at {tmp_path / 'no.npz'}\n"
+    assert run.stderr == f"deformrf eval: there is no model file at {tmp_path / 'no.npz'}\n"
 
 
 @pytest.mark.parametrize("name", ["report.json", "001_r_1.png"])
 def test_images_never_overwrite_a_file_of_another_program(call, data, model, name, refused):
-    """Such as the report of deformrf-report."""
+    """Such as the report of deformrf report."""
     path = data / "results" / name
     path.parent.mkdir()
     path.write_text('{"format": "deformrf-report", "sections": {}}')
     before = path.read_bytes()
-    result = call(evaluate.main, model, data, "--device", "cpu", "--images", path.parent)
-    assert f"{path} exists and is not a file of deformrf-eval" in refused(result)
+    result = call(evaluate.main, model, data, "--device", "cpu", "--pictures", path.parent)
+    assert f"{path} exists and is not a file of deformrf eval" in refused(result)
     assert path.read_bytes() == before
 
 
 def test_scores_never_overwrite_the_data_set(call, data, model, refused):
     path = data / "transforms_test.json"
     before = path.read_bytes()
-    result = call(evaluate.main, model, data, "--device", "cpu", "--json", path)
-    assert f"{path} exists and is not a file of deformrf-eval" in refused(result)
+    result = call(evaluate.main, model, data, "--device", "cpu", "-o", path)
+    assert f"{path} exists and is not a file of deformrf eval" in refused(result)
     assert path.read_bytes() == before
 
 
 def test_its_own_files_are_written_again(call, data, model, tmp_path):
-    flags = ("--device", "cpu", "--images", tmp_path / "a", "--json", tmp_path / "a.json")
+    flags = ("--device", "cpu", "--pictures", tmp_path / "a", "-o", tmp_path / "a.json")
     for _ in range(2):
         assert call(evaluate.main, model, data, *flags).code == 0
 
@@ -186,7 +186,7 @@ def test_its_own_files_are_written_again(call, data, model, tmp_path):
 def test_files_of_a_killed_run_are_written_again(call, data, model, tmp_path, monkeypatch):
     """A killed run writes no more files after its first picture."""
     folder = tmp_path / "a"
-    flags = ("--device", "cpu", "--images", folder)
+    flags = ("--device", "cpu", "--pictures", folder)
     with monkeypatch.context() as patch:
         patch.setattr(evaluation, "score_view", killed)
         with pytest.raises(Killed):
@@ -208,7 +208,7 @@ def killed(*_):
 def test_an_empty_file_may_become_the_scores(call, data, model, tmp_path):
     path = tmp_path / "a.json"
     path.touch()
-    assert call(evaluate.main, model, data, "--device", "cpu", "--json", path).code == 0
+    assert call(evaluate.main, model, data, "--device", "cpu", "-o", path).code == 0
     assert len(json.loads(path.read_text())["views"]) == 2
 
 
@@ -217,11 +217,11 @@ def test_a_full_disk_costs_pictures_and_no_scores(call, data, model, tmp_path, m
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Image.Image, "save", full_disk)
-    flags = ("--device", "cpu", "--images", tmp_path / "a", "--json", tmp_path / "a.json")
+    flags = ("--device", "cpu", "--pictures", tmp_path / "a", "-o", tmp_path / "a.json")
     result = call(evaluate.main, model, data, *flags)
     assert result.code == INPUT_ERROR
     picture = tmp_path / "a" / "000_r_0.png"
-    assert result.err.endswith(f"deformrf-eval: can't write {picture}: No space left on device\n")
+    assert result.err.endswith(f"deformrf eval: can't write {picture}: No space left on device\n")
     assert "mean" in result.out
     for path in (tmp_path / "a.json", tmp_path / "a" / "report.json"):
         assert len(json.loads(path.read_text())["views"]) == 2
@@ -234,9 +234,9 @@ def test_scores_that_can_not_be_written_are_still_printed(call, data, model, tmp
 
     monkeypatch.setattr(Path, "write_text", full_disk)
     path = tmp_path / "a.json"
-    result = call(evaluate.main, model, data, "--device", "cpu", "--json", path)
+    result = call(evaluate.main, model, data, "--device", "cpu", "-o", path)
     assert (result.code, "mean" in result.out) == (INPUT_ERROR, True)
-    assert result.err.endswith(f"deformrf-eval: can't write {path}: No space left on device\n")
+    assert result.err.endswith(f"deformrf eval: can't write {path}: No space left on device\n")
     assert not path.exists()
 
 

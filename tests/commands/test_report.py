@@ -1,4 +1,4 @@
-"""deformrf-report on a tiny model: numbers are there, finite and consistent; errors are told."""
+"""deformrf report on a tiny model: numbers are there, finite and consistent; errors are told."""
 
 import csv
 import json
@@ -121,7 +121,7 @@ def test_the_machine_is_named_without_its_folders(report, ball_file):
     text = json.dumps(report)
     assert str(ball_file.parent) not in text
     facts = {row["what"]: row["value"] for row in table(report, "machine")}
-    assert facts["numpy"] and facts["command"].startswith("deformrf-report")
+    assert facts["numpy"] and facts["command"].startswith("deformrf report")
 
 
 class FlippedSolver(XpbdSolver):
@@ -159,7 +159,7 @@ def test_ctrl_c_keeps_what_is_done(ball_file, tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr(command, "plan", interrupted)
     arguments = command.ReportArguments(ball_file, tmp_path, device="cpu", quick=True)
-    assert run("deformrf-report", lambda: command.prepare(arguments)) == INTERRUPTED
+    assert run("deformrf report", lambda: command.prepare(arguments)) == INTERRUPTED
     kept = json.loads((tmp_path / "report.json").read_text())
     assert not kept["complete"] and list(kept["sections"]) == ["training", "machine"]
     assert "interrupted" in (tmp_path / "report.md").read_text()
@@ -184,14 +184,14 @@ def test_ctrl_c_keeps_an_older_report(ball_file, tmp_path, monkeypatch, capsys):
     old = (tmp_path / "r" / "report.html").read_bytes()
     monkeypatch.setattr(command, "plan", interrupted)
     for done in (0, 1):
-        assert run("deformrf-report", lambda: command.prepare(arguments)) == INTERRUPTED
+        assert run("deformrf report", lambda: command.prepare(arguments)) == INTERRUPTED
         assert (tmp_path / "r" / "report.html").read_bytes() == old
         assert (tmp_path / "r-interrupted").exists() == bool(done)
     said = capsys.readouterr()
-    assert said.err == "deformrf-report: interrupted\n" * 2 and "Missing: rendering" in said.out
+    assert said.err == "deformrf report: interrupted\n" * 2 and "Missing: rendering" in said.out
     monkeypatch.chdir(tmp_path / "r")  # a folder without a name
     here = replace(arguments, output=Path())
-    assert run("deformrf-report", lambda: command.prepare(here)) == INTERRUPTED
+    assert run("deformrf report", lambda: command.prepare(here)) == INTERRUPTED
     assert (tmp_path / "r" / "report.html").read_bytes() == old
     kept = json.loads((tmp_path / "r-interrupted" / "report.json").read_text())
     assert list(kept["sections"]) == ["training", "machine"]

@@ -1,4 +1,4 @@
-"""deformrf-rig: what a rig holds, and what is refused."""
+"""deformrf rig: what a rig holds, and what is refused."""
 
 import json
 import re
@@ -38,7 +38,7 @@ def test_info_shows_bones_and_clips(call, model):
 
 def test_a_model_without_a_rig_says_what_gives_it_one(call, make_ball_field, tmp_path, refused):
     fields.save(make_ball_field(0), tmp_path / "bare.npz")
-    assert "has no rig: deformrf-rig bind" in refused(
+    assert "has no rig: deformrf rig bind" in refused(
         call(command.main, "info", tmp_path / "bare.npz")
     )
 

@@ -1,4 +1,4 @@
-"""deformrf-rig export, check and import."""
+"""deformrf rig export, check and import."""
 
 import importlib.util
 import json
@@ -46,7 +46,7 @@ def test_a_missing_package_is_named(
     monkeypatch.setattr(importlib.util, "find_spec", lambda n: None if n == package else find(n))
     result = call(main, "export", ball_file, "-o", tmp_path / f"ball{ending}")
     sentence = refused(result)
-    assert package in sentence and "deformrf[exchange]" in sentence
+    assert package in sentence and ".[exchange]" in sentence
 
 
 def test_check_tells_volumes_and_inverted_tets(ball_file, cache, ball, tmp_path, call):

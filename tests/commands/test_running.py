@@ -230,7 +230,7 @@ def test_a_missing_module_of_the_program_itself_keeps_its_traceback():
     ],
 )
 def test_too_little_memory_of_a_device_ends_in_one_sentence(capsys, message):
-    """Such as of a GPU that renders the views of deformrf-eval."""
+    """Such as of a GPU that renders the views of deformrf eval."""
 
     def job():
         raise RuntimeError(message)

@@ -1,4 +1,4 @@
-"""deformrf-train --view: its window on a tiny run, and what it refuses."""
+"""deformrf train --view: its window on a tiny run, and what it refuses."""
 
 import time
 from contextlib import suppress

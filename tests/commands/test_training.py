@@ -1,4 +1,4 @@
-"""deformrf-train: what it passes to training, what it writes, what it refuses."""
+"""deformrf train: what it passes to training, what it writes, what it refuses."""
 
 import errno
 import json
@@ -57,7 +57,7 @@ def test_training_writes_the_model_with_its_test_scores(call, trainer, data, tmp
 
 def test_a_model_states_the_size_that_was_given(call, trainer, data, tmp_path):
     output = tmp_path / "m.npz"
-    call(train.main, data, "-o", output, "--device", "cpu", "--size", 0.3)
+    call(train.main, data, "-o", output, "--device", "cpu", "--object-size", 0.3)
     assert modelfile.load(output).meta["size"] == 0.3
     call(train.main, data, "-o", output, "--device", "cpu")
     assert "size" not in modelfile.load(output).meta
@@ -119,7 +119,7 @@ def test_a_diverged_run_says_why_and_writes_its_last_good_weights(call, trainer,
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert (result.code, result.err) == (
         FAILED,
-        "deformrf-train: the loss became nan at step 48\n",
+        "deformrf train: the loss became nan at step 48\n",
     )
     modelfile.load(tmp_path / "m.npz")
 
@@ -170,7 +170,7 @@ def test_a_last_look_without_memory_writes_the_model_and_says_so(call, trainer, 
     trainer.trained.out_of_memory = "the GPU's memory is too small; the model keeps sub-tets"
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")
     assert result.code == INPUT_ERROR
-    assert result.err == f"deformrf-train: {trainer.trained.out_of_memory}\n"
+    assert result.err == f"deformrf train: {trainer.trained.out_of_memory}\n"
     modelfile.load(tmp_path / "m.npz")
 
 
@@ -195,7 +195,10 @@ def test_the_command_line_knows_every_preset():
         (["-o", "m.npz", "--image-size", 0], "image size is 0"),
         (["-o", "m.npz", "--scene-radius", 0], "--scene-radius is 0.0"),
         (["-o", "m.npz", "--spacing", 0.001], "--spacing is 0.001: it has to be from 0.005 to"),
-        (["-o", "m.npz", "--size", "inf"], "--size is inf: it has to be from 0.0001 to 10000 m"),
+        (
+            ["-o", "m.npz", "--object-size", "inf"],
+            "--object-size is inf: it has to be from 0.0001 to 10000 m",
+        ),
         (
             ["-o", "m.npz", "--leave-out", "distortion", "stage"],
             "no 'stage' to leave out; choose from coarse-stage, subtet-mask, dense-levels, ",
@@ -298,7 +301,7 @@ def test_a_full_disk_leaves_the_checkpoint_and_says_so(call, trainer, data, tmp_
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
     assert result.code == INPUT_ERROR
     assert result.err == (
-        f"deformrf-train: can't write {output}: No space left on device; the run is kept in "
+        f"deformrf train: can't write {output}: No space left on device; the run is kept in "
         f"{checkpoint_path}: make room, then add --resume\n"
     )
     assert checkpoint_path.read_text().endswith("the run")
@@ -313,7 +316,7 @@ def test_a_full_disk_without_a_checkpoint_promises_none(call, trainer, data, tmp
     output = tmp_path / "m.npz"
     result = call(train.main, data, "-o", output, "--preset", "tiny", "--device", "cpu")
     assert result.err == (
-        f"deformrf-train: can't write {output}: No space left on device; the run has no "
+        f"deformrf train: can't write {output}: No space left on device; the run has no "
         f"checkpoint to continue from\n"
     )
 
@@ -334,7 +337,7 @@ def test_a_model_that_can_not_be_written_goes_to_a_second_place(
     assert result.code == INPUT_ERROR
     place = tmp_path / "state" / "deformrf" / "models" / "m.npz"
     assert result.err == (
-        f"deformrf-train: can't write {output}: No space left on device; the model is in "
+        f"deformrf train: can't write {output}: No space left on device; the model is in "
         f"{place}, without scores\n"
     )
     assert modelfile.load(place).mesh.tet_count == trainer.trained.field.mesh.tet_count

@@ -21,7 +21,7 @@ def frames_of(path):
 
 
 def started(*arguments, **options):
-    """deformrf-render as a process that runs."""
+    """deformrf render as a process that runs."""
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     return subprocess.Popen(

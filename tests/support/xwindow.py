@@ -41,7 +41,7 @@ def screen(folder):
 
 
 class LiveViewer:
-    """deformrf-view in a window, and a hand on mouse and keyboard."""
+    """deformrf view in a window, and a hand on mouse and keyboard."""
 
     def __init__(self, display, model, folder, *arguments):
         name, self._screen = display

@@ -57,7 +57,7 @@ def open_asked(app) -> None:
             show_model(app, fields.load(path), path)
         else:
             raise ValueError(
-                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf-train "
+                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf train "
                 f"makes a model of a data set's folder"
             )
     except (OSError, ValueError, MemoryError) as error:

@@ -8,7 +8,7 @@ from .film_job import (
 from .recorder import Recorder as Recorder, without_background as without_background
 from .takes import Takes as Takes
 
-# For deformrf-render.
+# For deformrf render.
 from .camera_path import load_camera_path as load_camera_path
 from .clip import clip_session as clip_session
 from .codecs import encoder as encoder

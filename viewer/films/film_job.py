@@ -1,6 +1,6 @@
 """A film that a process of its own renders, so that the viewer stays usable.
 
-The process is deformrf-render, which gets the session, a copy of the model in a temporary folder,
+The process runs `deformrf render`. It gets the session, a copy of the model in a temporary folder,
 and the choices of the user.  It prints a JSON line for each frame; whatever else it prints last
 says why it failed.  It ends a film that it is told to end (SIGTERM), which can then be played.
 """
@@ -65,7 +65,7 @@ class FilmChoices:
         return self.format != "MP4 (H.264)"
 
     def arguments(self, window_size) -> list[str]:
-        """Those of deformrf-render, without the model, the session and the take."""
+        """Those of deformrf render, without the model, the session and the take."""
         size = "x".join(map(str, window_size)) if self.size == SIZES[0] else self.size
         chosen = ["--size", size, "--fps", str(self.fps), "--samples", str(self.samples)]
         if self.blur and self.samples > 1:
@@ -79,7 +79,7 @@ class FilmJob:
     """The making of one film; a thread starts the process and reads what it prints."""
 
     def __init__(self, field, name: str, session: Path, arguments: list[str]):
-        """Take a field and its name, a session's file, and arguments of deformrf-render."""
+        """Take a field and its name, a session's file, and arguments of deformrf render."""
         self.frame = self.count = 0  # frames that are made, and all
         self.ended = False
         self.written: Path | None = None
@@ -147,7 +147,7 @@ class FilmJob:
                 elif line.strip():
                     said = line.strip()
             if process.wait() and not self._cancelled:
-                self.problem = said.removeprefix("deformrf-render: ")
+                self.problem = said.removeprefix("deformrf render: ")
         finally:
             process.stdout.close()
             if process.poll() is None:  # nobody reads it any more

@@ -14,7 +14,7 @@ def history_panel(app):
     imgui.same_line()
     button("Redo", app, "redo", label_of("redo"))
     imgui.same_line()
-    tooltip = f"deformrf-render makes a film of it ({label_of('save_session')})"
+    tooltip = f"deformrf render makes a film of it ({label_of('save_session')})"
     button("Save session", app, "save_session", tooltip)
     for line, undone in shown_steps(journal):
         (imgui.text_disabled if undone else imgui.text)(line)

@@ -1,4 +1,4 @@
-"""The model while it is trained (deformrf-train --view), and training that the viewer begins."""
+"""The model while it is trained (deformrf train --view), and training that the viewer begins."""
 
 import lazy_loader
 

@@ -6,6 +6,6 @@ from .train_job import (
     offer_of as offer_of,
 )
 
-# For deformrf-train --view.
+# For deformrf train --view.
 from .live import POLL_SECONDS as POLL_SECONDS, LiveRun as LiveRun
 from .live_window import LiveWindow as LiveWindow

@@ -50,14 +50,14 @@ class TrainOffer:
 
     @property
     def arguments(self) -> list[str]:
-        """Those of deformrf-train."""
+        """Those of deformrf train."""
         preset = ["--preset", "tiny"] if self.device == "cpu" else []
         return [str(self.data), "-o", str(self.output), *preset, "--device", self.device]
 
     @property
     def command(self) -> str:
         """The same, as one types it."""
-        return "deformrf-train " + " ".join(map(shlex.quote, self.arguments))
+        return "deformrf train " + " ".join(map(shlex.quote, self.arguments))
 
     @property
     def minutes(self) -> int:
@@ -89,7 +89,7 @@ def offer_of(data: Path, device: str) -> TrainOffer:
 
 
 class TrainJob:
-    """A run of deformrf-train; a thread starts the process and reads what it prints."""
+    """A run of deformrf train; a thread starts the process and reads what it prints."""
 
     def __init__(self, offer: TrainOffer):
         self.offer = offer

@@ -1,1 +1,1 @@
-"""Error against run time, stability, and omissions: the report of deformrf-report."""
+"""Error against run time, stability, and omissions: the report of deformrf report."""

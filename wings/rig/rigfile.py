@@ -86,7 +86,7 @@ def rig_from(arrays: Mapping[str, np.ndarray], vertex_count: int) -> Rig:
     check(
         len(found) == 2 and found[0] == vertex_count,
         f"its rig has weights for {found[0] if found else 0} vertices, but the model has "
-        f"{vertex_count}; bind the rig to this model with deformrf-rig bind",
+        f"{vertex_count}; bind the rig to this model with deformrf rig bind",
     )
     width = found[1]
     check(width <= count, f"its rig has {width} weights a vertex, but {count} bones")

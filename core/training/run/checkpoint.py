@@ -1,4 +1,4 @@
-"""An unfinished run on disk, which `deformrf-train --resume` continues.
+"""An unfinished run on disk, which `deformrf train --resume` continues.
 
 It is written beside the model every minute and at Ctrl-C, and removed when the model is complete.
 Other programs can't read it, and later versions may not: to keep a result, keep the model file.

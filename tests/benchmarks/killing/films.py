@@ -1,4 +1,4 @@
-"""Programs that write a film: deformrf-render of a turn and a session, and deformrf-view."""
+"""Programs that write a film: deformrf render of a turn and a session, and deformrf view."""
 
 import av
 from fuzzing.models import small_models
@@ -15,7 +15,7 @@ TICKS = 40  # of a session: 20 frames
 
 
 class Film(OneFile):
-    """`deformrf-render` films a turn around the object."""
+    """`deformrf render` films a turn around the object."""
 
     name = "film.mp4"
     shown = "--turntable", 1.0
@@ -24,7 +24,7 @@ class Film(OneFile):
         self.model = next(small_models(self.inputs))
 
     def job(self):
-        return Job(("deformrf-render", self.model, *self.shown, *OPTIONS, "-o", self.path))
+        return Job(("render", self.model, *self.shown, *OPTIONS, "-o", self.path))
 
     def learn(self):
         self.frames = self.count()
@@ -39,7 +39,7 @@ class Film(OneFile):
 
 
 class SessionFilm(Film):
-    """`deformrf-render` films a session."""
+    """`deformrf render` films a session."""
 
     def prepare(self):
         super().prepare()
@@ -55,11 +55,11 @@ class SessionFilm(Film):
 
 
 class Recording(Film):
-    """`deformrf-view` records what it shows, without a window."""
+    """`deformrf view` records what it shows, without a window."""
 
     def job(self):
         options = "--headless", "--drag", "top:0,0,0.2", "--frames", 30, "--record"
-        return Job(("deformrf-view", self.model, *OPTIONS, *options, self.path))
+        return Job(("view", self.model, *OPTIONS, *options, self.path))
 
 
 class Live(Film):
@@ -67,7 +67,7 @@ class Live(Film):
 
     def job(self):
         options = "--device", "cpu", "--frames", 30, "--record", self.path
-        return Job(("deformrf-view", self.model, *options))
+        return Job(("view", self.model, *options))
 
     def is_whole(self):
         if not self.count():

@@ -1,4 +1,4 @@
-"""deformrf-train DATA --check: the cameras of photographs are found, and work is kept meanwhile."""
+"""deformrf train DATA --check: the cameras of photographs are found, and work is kept meanwhile."""
 
 import json
 import re
@@ -23,7 +23,7 @@ TOLD = "worked at: "  # before what a run does, in JSON
 
 
 def find(*arguments):
-    """deformrf-train, which says which photographs and pairs it works at."""
+    """deformrf train, which says which photographs and pairs it works at."""
     from deformrf.wings.capture import features
 
     original = features.interruptible
@@ -37,7 +37,7 @@ def find(*arguments):
         return original(call, *values, **named)
 
     features.interruptible = told
-    command("deformrf-train", *arguments)
+    command("train", *arguments)
 
 
 class Finding(Kind):

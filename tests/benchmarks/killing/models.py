@@ -1,4 +1,4 @@
-"""Programs that write a model: saving, deformrf-edit, deformrf-rig import and bind."""
+"""Programs that write a model: saving, deformrf edit, deformrf rig import and bind."""
 
 import numpy as np
 from fuzzing.models import small_models
@@ -43,18 +43,18 @@ class Save(WrittenModel):
 
 
 class Edit(WrittenModel):
-    """`deformrf-edit` of the bundled model; half of the times over its own model."""
+    """`deformrf edit` of the bundled model; half of the times over its own model."""
 
     def old(self):
         return DEFAULT_MODEL.read_bytes()
 
     def job(self):
         model = DEFAULT_MODEL if self.before is None else self.path
-        return Job(("deformrf-edit", model, "-o", self.path, "--specks", 0.5))
+        return Job(("edit", model, "-o", self.path, "--specks", 0.5))
 
 
 class Import(WrittenModel):
-    """`deformrf-rig import` of a point cache to a model with a rig, or over that model."""
+    """`deformrf rig import` of a point cache to a model with a rig, or over that model."""
 
     def prepare(self):
         super().prepare()
@@ -67,11 +67,11 @@ class Import(WrittenModel):
 
     def job(self):
         model = self.second if self.before is None else self.path
-        return Job(("deformrf-rig", "import", model, self.clip, "-o", self.path))
+        return Job(("rig", "import", model, self.clip, "-o", self.path))
 
 
 class Bind(WrittenModel):
-    """`deformrf-rig bind` of a rig file to a model without one, or over that model."""
+    """`deformrf rig bind` of a rig file to a model without one, or over that model."""
 
     def prepare(self):
         super().prepare()
@@ -80,7 +80,7 @@ class Bind(WrittenModel):
 
     def job(self):
         model = self.first if self.before is None else self.path
-        return Job(("deformrf-rig", "bind", model, self.rig, "-o", self.path))
+        return Job(("rig", "bind", model, self.rig, "-o", self.path))
 
 
 class EditSignals(Signals, Edit):

@@ -73,8 +73,8 @@ class TwoEdits(Two, models.Edit):
         self.before = None
         (_, *arguments), small = self.job().arguments, self.second
         return (
-            models.Job(("deformrf-edit", *arguments)),
-            models.Job(("deformrf-edit", small, "-o", self.path, "--specks", 0.0)),
+            models.Job(("edit", *arguments)),
+            models.Job(("edit", small, "-o", self.path, "--specks", 0.0)),
         )
 
     def of(self):

@@ -16,7 +16,7 @@ COUNT = "kept"  # a file beside the sessions: how many edits the autosave had at
 
 
 def view(folder, *arguments):
-    """deformrf-view, with a hand that edits in each frame, and an autosave that is due in each."""
+    """deformrf view, with a hand that edits in each frame, and an autosave that is due in each."""
     os.environ["XDG_STATE_HOME"] = str(folder)
     from deformrf.commands import view as viewer
     from deformrf.viewer.sessions import autosave
@@ -42,7 +42,7 @@ def view(folder, *arguments):
         return app
 
     viewer._open = opened
-    command("deformrf-view", *arguments)
+    command("view", *arguments)
 
 
 class Sessions(Kind):

@@ -31,13 +31,13 @@ class Starts:
         (model, rigged), out, data = small_models(folder), folder / "out", folder / "data"
         write_data(data)
         self.commands = {
-            "deformrf-view": [model, "--headless", "--frames", 900, "--record", f"{out}.mp4"],
-            "deformrf-render": [model, "--turntable", 9, "-o", f"{out}.mp4"],
-            "deformrf-train": [data, "-o", f"{out}.npz", "--scene-radius", 1.3],
-            "deformrf-eval": [model, data, "--device", "cpu"],
-            "deformrf-report": [model, "--device", "cpu", "-o", out],
-            "deformrf-edit": [model, "-o", f"{out}.npz"],
-            "deformrf-rig": ["info", rigged],
+            "view": [model, "--headless", "--frames", 900, "--record", f"{out}.mp4"],
+            "render": [model, "--turntable", 9, "-o", f"{out}.mp4"],
+            "train": [data, "-o", f"{out}.npz", "--scene-radius", 1.3],
+            "eval": [model, data, "--device", "cpu"],
+            "report": [model, "--device", "cpu", "-o", out],
+            "edit": [model, "-o", f"{out}.npz"],
+            "rig": ["info", rigged],
         }
 
     def trials(self, count):

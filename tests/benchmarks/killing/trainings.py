@@ -1,4 +1,4 @@
-"""deformrf-train: a model is trained on three views, with a checkpoint at every other step."""
+"""deformrf train: a model is trained on three views, with a checkpoint at every other step."""
 
 import json
 import re
@@ -17,13 +17,13 @@ STEPS = 16
 
 
 def train(*arguments):
-    """deformrf-train with short steps, and a checkpoint every other one."""
+    """deformrf train with short steps, and a checkpoint every other one."""
     from deformrf.core.training import trainer
     from deformrf.core.training.run import optimization
 
     trainer.CHECKPOINT_SECONDS, optimization.PAUSE_INTERVAL = 0.0, 2
     optimization.RAYS_AT_START = optimization.FEWEST_RAYS = optimization.MOST_RAYS = 16
-    command("deformrf-train", *arguments)
+    command("train", *arguments)
 
 
 class Training(OneFile):

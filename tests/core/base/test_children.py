@@ -14,7 +14,7 @@ from deformrf.core.base import children
 
 ROOT = Path(children.ROOT)
 PLANTED = (
-    "numpy PIL warp torch scipy pycolmap av tyro rich platformdirs lazy_loader pyglet moderngl "
+    "numpy PIL warp torch scipy pycolmap av rich platformdirs lazy_loader pyglet moderngl "
     "imgui_bundle json re tempfile subprocess signal enum random dataclasses typing pathlib "
     "sitecustomize usercustomize encodings"
 ).split()
@@ -244,7 +244,7 @@ def test_the_definition_by_python_m_runs_nothing_of_the_current_folder(tmp_path)
 
 def test_a_command_forgets_the_dot_of_pythonpath(tmp_path, script):
     """Where a script of Python's own has not imported anything from there."""
-    plant(tmp_path, ["numpy", "PIL", "tyro", "warp", "rich", "platformdirs", "lazy_loader"])
+    plant(tmp_path, ["numpy", "PIL", "warp", "rich", "platformdirs", "lazy_loader"])
     command = script("import sys; from deformrf.commands.entry import view; sys.exit(view())")
     done = run(tmp_path, command, "--help", PYTHONPATH=f"{ROOT.parent}{os.pathsep}.")
     assert done.returncode == 0 and not executed(tmp_path), done.stderr

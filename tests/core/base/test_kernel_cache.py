@@ -93,12 +93,12 @@ def test_a_folder_that_is_only_read_is_enough_for_what_is_in_it(start, tmp_path)
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc can't be written by anybody")
 def test_without_any_folder_commands_say_what_they_need(tmp_path, ball_file):
     code = "import sys, tempfile; tempfile.tempdir = '/proc/none'\n"
-    code += "from deformrf.commands.entry import begin\nsys.exit(begin('deformrf-edit'))"
+    code += "from deformrf.commands.entry import begin\nsys.exit(begin('edit'))"
     home = dict.fromkeys(("HOME", "XDG_STATE_HOME"), "/proc/none")
     home["WARP_CACHE_PATH"] = "/proc/none/w"
     command = [sys.executable, "-c", code, ball_file, "-o", tmp_path / "a.npz"]
     done = subprocess.run(command, env=os.environ | home, capture_output=True, text=True)
     assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
     last = done.stderr.splitlines()[-1]
-    assert last.startswith("deformrf-edit: can't write /proc/none/w")
+    assert last.startswith("deformrf edit: can't write /proc/none/w")
     assert "WARP_CACHE_PATH" in last and list(tmp_path.iterdir()) == []

@@ -193,6 +193,6 @@ def test_without_the_package_the_command_says_what_to_install(
     monkeypatch.setitem(sys.modules, "lpips", None)
     result = call(evaluate.main, tmp_path / "m.npz", tmp_path, "--lpips-weights", tmp_path)
     assert refused(result).startswith(
-        "deformrf-eval: lpips, which computes LPIPS, is not installed: "
+        "deformrf eval: lpips, which computes LPIPS, is not installed: "
         'pip install ".[lpips]" in the clone'
     )

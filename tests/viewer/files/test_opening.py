@@ -125,7 +125,7 @@ def test_a_data_set_of_two_folders_shows_its_photographs(app, tmp_path, write_da
     drop(app, tmp_path / "data")
     assert app.dialog is None and len(app.photographs) == 2
     drop(app, tmp_path / "data/transforms_train.json")
-    assert isinstance(app.dialog, Problem) and "deformrf-train" in app.dialog.sentence
+    assert isinstance(app.dialog, Problem) and "deformrf train" in app.dialog.sentence
 
 
 def test_a_session_that_is_opened_is_played(app, tmp_path):

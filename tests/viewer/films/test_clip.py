@@ -1,4 +1,4 @@
-"""Films of clips: deformrf-render --clip."""
+"""Films of clips: deformrf render --clip."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Films: the camera between views, and files that deformrf-render writes of a session."""
+"""Films: the camera between views, and files that deformrf render writes of a session."""
 
 import json
 import os
@@ -149,13 +149,13 @@ def test_what_makes_no_sense_is_explained(
     (tmp_path / "there").touch()
     assert render_command.main([str(ball_file), *arguments]) == 2
     out, err = capfd.readouterr()
-    assert out == "" and err.startswith("deformrf-render: ") and err.count("\n") == 1
+    assert out == "" and err.startswith("deformrf render: ") and err.count("\n") == 1
     assert sentence in err
     assert [path.name for path in tmp_path.iterdir()] == ["there"]  # and nothing is left behind
 
 
 def rendered(*arguments, timeout=120):
-    """deformrf-render in a process of its own, without a display."""
+    """deformrf render in a process of its own, without a display."""
     clean = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
     code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     return subprocess.run(

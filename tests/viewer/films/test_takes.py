@@ -227,14 +227,13 @@ def test_enter_renders_and_escape_does_not(taken, tmp_path, monkeypatch):
     "format, name", [("MP4 (H.264)", "a.mp4"), ("WebP", "a.webp"), ("PNG files", "a")]
 )
 def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatch):
-    import tyro
-
+    from deformrf.commands import options
     from deformrf.commands.render import RenderArguments, check
 
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)
     arguments = [*choices.arguments((33, 44)), "--session", "s.jsonl"]
-    parsed = tyro.cli(RenderArguments, args=arguments, config=(tyro.conf.FlagCreatePairsOff,))
+    parsed = options.parsed("deformrf render", RenderArguments, arguments)
     assert check(parsed) == (1280, 720)
     assert (parsed.fps, parsed.samples, parsed.shutter) == (24, 16, 0.5)
     assert parsed.output == tmp_path / name and parsed.hide_handles

@@ -15,7 +15,7 @@ print('{"stage": 2, "step": 30, "steps": 60}', flush=True)
 print("words for people", flush=True)
 open(sys.argv[3], "wb").write(open(MODEL, "rb").read())
 """
-FAILS = "import sys; print('deformrf-train: too few photographs'); sys.exit(2)"
+FAILS = "import sys; print('deformrf train: too few photographs'); sys.exit(2)"
 WAITS = """
 import signal, sys, time
 signal.signal(signal.SIGINT, lambda *_: (print("kept the work", flush=True), sys.exit(130)))
@@ -51,7 +51,7 @@ def test_an_offer_says_what_would_happen(photos, tmp_path):
     assert (offer.count, offer.output) == (5, tmp_path / "my toy.npz")
     text = " ".join(offer.lines())
     assert "5 photographs" in text and f"{offer.minutes} minutes on this CPU" in text
-    assert f"deformrf-train '{photos}' -o" in offer.command and "--preset tiny" in offer.command
+    assert f"deformrf train '{photos}' -o" in offer.command and "--preset tiny" in offer.command
     on_gpu = offer_of(photos, "cuda:0")
     assert "a GPU" in " ".join(on_gpu.lines()) and "tiny" not in on_gpu.command
     assert on_gpu.minutes < offer.minutes
@@ -60,12 +60,11 @@ def test_an_offer_says_what_would_happen(photos, tmp_path):
 
 
 def test_the_command_that_is_offered_is_one(photos):
-    import tyro
-
+    from deformrf.commands.options import parsed
     from deformrf.commands.training import TrainArguments
 
     offer = offer_of(photos, "cpu")
-    chosen = tyro.cli(TrainArguments, args=offer.arguments)
+    chosen = parsed("deformrf train", TrainArguments, offer.arguments)
     assert (chosen.data, chosen.output, chosen.preset) == (photos, offer.output, "tiny")
 
 
@@ -92,7 +91,7 @@ def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch, capsys):
 def test_the_process_is_deformrf_train(photos):
     """Five photographs of nothing are refused by it, in a sentence."""
     job = ended(TrainJob(offer_of(photos, "cpu")), 120)
-    assert (job.code, job.line.partition(":")[0]) == (2, "deformrf-train"), job.line
+    assert (job.code, job.line.partition(":")[0]) == (2, "deformrf train"), job.line
     assert "5 photographs" in job.line
 
 
@@ -100,7 +99,7 @@ def test_without_a_window_a_sentence_has_the_command(photos, capsys):
     arguments = [str(photos), "--headless", "--screenshot", "x.png"]
     assert command.main(arguments) == 2
     said = capsys.readouterr().err
-    assert f"deformrf-train '{photos}' -o model.npz" in said
+    assert f"deformrf train '{photos}' -o model.npz" in said
 
 
 # -- in the viewer -----------------------------------------------------------------------------

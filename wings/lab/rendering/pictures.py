@@ -155,7 +155,7 @@ def photographs(field: TetField, dataset: Dataset, pixel_count: int) -> list[Pho
 
 
 def photo_psnr(photos: list[PhotoPixels], renderer: Renderer, options: RenderOptions) -> float:
-    """PSNR of the model at rest: the mean over the views, as in deformrf-eval [dB]."""
+    """PSNR of the model at rest: the mean over the views, as in deformrf eval [dB]."""
     renderer.set_vertices(renderer.field.mesh.rest_vertices)
     found = []
     for photo in photos:

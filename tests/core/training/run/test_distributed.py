@@ -324,4 +324,4 @@ def test_torchrun_trains_one_model(folder, tmp_path):
 if __name__ == "__main__":
     work(Path(sys.argv[1]), sys.argv[2])
     sys.stdout.flush()
-    os._exit(0)  # as deformrf-train ends a worker
+    os._exit(0)  # as deformrf train ends a worker

@@ -16,7 +16,7 @@ from deformrf.wings.lab.report import machine
 from deformrf.wings.lab.report.contents import Report
 from deformrf.wings.lab.report.writing import write
 
-COMMAND = "deformrf-report helmet.npz --quick"
+COMMAND = "deformrf report helmet.npz --quick"
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_the_gpu_is_the_one_that_warp_has(model):
     ("command", "expected"),
     [
         (COMMAND, COMMAND),
-        ("deformrf-report model.npz -o ../out", "deformrf-report model.npz -o out"),
+        ("deformrf report model.npz -o ../out", "deformrf report model.npz -o out"),
         (
             "/home/me/bin/deformrf-report /data/a.npz --data=/home/me/chair -o out",
             "deformrf-report a.npz --data=chair -o out",
