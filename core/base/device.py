@@ -18,6 +18,7 @@ from . import kernel_cache
 
 Choice = Literal["auto", "cpu", "cuda"]
 _starting: threading.Thread | None = None
+_started = False
 
 
 def device_name(choice: Choice, for_training=False) -> str:
@@ -102,13 +103,22 @@ def _cuda_driver():
 
 
 def start_warp():
-    """Initialize Warp without its greeting, and without a warning where there is no GPU."""
+    """Initialize Warp without its greeting, and without a warning where there is no GPU.
+
+    All that computes by Warp calls this first; only the first call has something to do.  Warp
+    stays quiet, unless a program has chosen another level of its messages before, or does later.
+    """
+    global _started
+    if _started:
+        return
     import warp as wp
 
     if _starting is not None:
         _starting.join()
-    wp.config.log_level = wp.LOG_ERROR
+    if wp.config.log_level == wp.LOG_INFO:  # Warp's default
+        wp.config.log_level = wp.LOG_ERROR
     kernel_cache.start(_init_silently if _cuda_driver() is None else wp.init)
+    _started = True
 
 
 def _init_silently():

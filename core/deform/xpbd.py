@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
+from ..base.device import start_warp
 from ..geometry import components
 from . import checks, constraints
 from .arrays import ConstraintList, frame_arrays
@@ -72,6 +73,7 @@ class XpbdSolver:
             ValueError: `pinned` has another shape, all tets are flat, or a vertex has too
                 many constraints for a GPU.
         """
+        start_warp()
         self.options = options or XpbdOptions()
         self.device = wp.get_device(device)
         # Rounded as on the device, so that rest lengths are exact.

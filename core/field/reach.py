@@ -16,6 +16,7 @@ Shapes: T tets, S cells (distinct level-l' descendants, l' = min(l, 2)).
 import numpy as np
 import warp as wp
 
+from ..base.device import start_warp
 from ..geometry import TetMesh, path_corners, path_nodes
 from .layout import Layout, hash_entry
 from .occupancy import LEVELS, unpack_mask
@@ -67,6 +68,7 @@ def reached_entries(mesh: TetMesh, layout: Layout, occupancy, device="cpu"):
 
     [T] uint64 -> [entries] bool, the levels one after another as in the table.
     """
+    start_warp()
     reached = []
     for level, entry_count in enumerate(layout.entry_counts):
         if level < layout.dense_level_count:

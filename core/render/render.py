@@ -12,14 +12,18 @@ Each path marches rays through the mesh (rays/), and computes density and color 
 threads renders tiles of the image.
 """
 
+import io
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
-from ..base.device import thread_count
+from ..base.device import start_warp, thread_count
+from ..base.paths import whole_file
 from ..field import TetField, check_finite
 from ..geometry import morton_order
 from .overlap.merging import PieceMerger
@@ -40,6 +44,7 @@ CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
 LEAST_TILE_WORK = 1.0e5  # a tile costs a millisecond besides its work
 CPU_TILE_RAYS = 1 << 16  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
+PICTURE_ENDINGS = ".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp"
 WAVEFRONT_PIXELS = 1 << 16  # a wavefront holds a multiple of these
 
 wp.set_module_options({"enable_backward": False})
@@ -95,6 +100,30 @@ class Image:
         """float32 [H, W]"""
         return self.depth.numpy()
 
+    def save(self, path: str | Path) -> None:
+        """Write the picture, without its opacity, in the format that the path's ending names.
+
+        Raises:
+            ValueError: The ending is none of PICTURE_ENDINGS.
+            OSError: The file can't be written; one that was there before stays.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in PICTURE_ENDINGS:
+            raise ValueError(f"{path}: a picture's name ends in {', '.join(PICTURE_ENDINGS)}")
+        with whole_file(path) as partial:
+            self._picture().save(partial)
+
+    def _repr_png_(self) -> bytes:
+        """What Jupyter shows."""
+        stream = io.BytesIO()
+        self._picture().save(stream, "PNG")
+        return stream.getvalue()
+
+    def _picture(self):
+        from PIL import Image as Picture  # a frame of the viewer does without
+
+        return Picture.fromarray(np.ascontiguousarray(self.color_array()[..., :3]))
+
 
 class Renderer:
     """Renders one field in a pose that changes: `set_vertices`, then `render`.
@@ -110,6 +139,7 @@ class Renderer:
     def __init__(self, field: TetField, device: str = "cpu"):
         """A ValueError if the field's table, mesh or networks hold NaN or infinite numbers."""
         check_finite(field)
+        start_warp()
         self.field = field
         self.device = wp.get_device(device)
         self.stage = StageTimer(self.device)
@@ -134,8 +164,16 @@ class Renderer:
         if self.device.is_cpu:
             geometry.densities = self.shading.densities
 
-    def set_vertices(self, vertices: np.ndarray | wp.array) -> None:
-        """Take the current positions: [V, 3] array, or wp.array of vec3 on the device."""
+    def set_vertices(self, vertices: ArrayLike | wp.array) -> None:
+        """Take the current positions.  [V, 3]
+
+        Args:
+            vertices: An array, a list, a torch tensor of any device, or a wp.array of vec3; one
+                of float32 on the renderer's device is copied without a detour by the host.
+
+        Raises:
+            ValueError: They have another shape, or torch would want gradients of them.
+        """
         with self.stage("pose"):
             self.overlap.join()  # a search may still read the pose before, if its image failed
             self.pose.set_vertices(vertices)
@@ -156,8 +194,14 @@ class Renderer:
             rows: (first, last) for the strip first..last-1.
 
         Raises:
+            TypeError: `camera` is no Camera.
             ValueError: See render_options.checked.
         """
+        if not isinstance(camera, Camera):
+            raise TypeError(
+                f"the camera is a {type(camera).__name__}: give a Camera, such as "
+                f"from_field_of_view(look_at(eye, target), angle_x, width, height)"
+            )
         options = self._checked(options)
         if self.device.is_cuda:
             camera = moved_aside(camera)  # on a CPU each ray is looked at

@@ -24,6 +24,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
+from ...core.base.device import start_warp
 from ...core.base.feed import Feed
 from . import rotations
 from .rig import Method, check_method
@@ -197,6 +198,7 @@ class Skinner:
 
         Without offsets (None) posing costs nothing for them.
         """
+        start_warp()
         x, w = np.asarray(rest_vertices, float), np.asarray(weights, float)
         vertex, bone = np.nonzero(w)
         starts = np.searchsorted(vertex, np.arange(len(x) + 1))

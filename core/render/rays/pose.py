@@ -12,6 +12,7 @@ Shapes: T tets, V vertices, B boundary faces.  Model units.
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from ...base.recorded import Recorded
 from ...base.threads import counted, shares_of
@@ -215,6 +216,27 @@ def box_tree(vertices, groups, ids=None, old: wp.Bvh | None = None, constructor=
     return old
 
 
+def _on_host(vertices) -> np.ndarray:
+    """Positions of any kind.  [n, 3] float32
+
+    Raises:
+        ValueError: They have another shape, or torch would want gradients of them.
+    """
+    if isinstance(vertices, wp.array):
+        vertices = vertices.numpy()
+    elif hasattr(vertices, "requires_grad"):  # a torch tensor
+        if vertices.requires_grad:
+            raise ValueError(
+                "the vertices are a tensor that requires gradients, and rendering has none: "
+                "pass vertices.detach()"
+            )
+        vertices = vertices.float().cpu().numpy()
+    vertices = np.ascontiguousarray(vertices, np.float32)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise ValueError(f"the vertices have the shape {list(vertices.shape)}, not [V, 3]")
+    return vertices
+
+
 class Pose:
     """The mesh in its current shape on one device: `geometry` for kernels, and its arrays.
 
@@ -262,19 +284,15 @@ class Pose:
         self._frame_launches = None  # on a CPU: each with what it adds to mirrored_count
         self.set_vertices(self.vertices)
 
-    def set_vertices(self, vertices: np.ndarray | wp.array) -> None:
-        """Take new positions: an array [V, 3] or a wp.array of vec3 on the device.
-
-        Raises:
-            ValueError: There are more or fewer of them than vertices.
-        """
-        if not isinstance(vertices, wp.array):
-            vertices = np.ascontiguousarray(vertices, np.float32)
-            vertices = wp.array(vertices, dtype=wp.vec3, device=self.device)
+    def set_vertices(self, vertices: ArrayLike | wp.array) -> None:
+        """Take new positions [V, 3]; Renderer.set_vertices says of what kinds."""
+        if not (isinstance(vertices, wp.array) and vertices.dtype is wp.vec3):
+            vertices = wp.array(_on_host(vertices), dtype=wp.vec3, device=self.device)
         if vertices.shape != self.vertices.shape:
             raise ValueError(
                 f"the mesh has {len(self.vertices)} vertices, {len(vertices)} were given"
             )
+        vertices = vertices.to(self.device)
         if vertices.ptr != self.vertices.ptr:
             wp.copy(self.vertices, vertices)
         self.revision += 1
