@@ -24,6 +24,7 @@ LONG = (
     "scenes/test_window_opening.py",
     "core/training/test_trainer.py",
     "commands/test_report.py",
+    "test_api.py",
     "core/render/test_render.py",
     "core/training/run/test_distributed.py",
     "core/base/test_kernel_cache.py",

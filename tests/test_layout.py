@@ -259,8 +259,8 @@ def test_every_package_is_installed():
     folders = {p.parent for p in SOURCES}
     without_init = {str(f) for f in folders if not (f / "__init__.py").exists()}
     assert not without_init, "a folder of modules needs an __init__.py to be installed"
-    found = {module_name(folder) for folder in folders}
-    assert set(setuptools["packages"]) == found | {"deformrf", "deformrf.shaders", "deformrf.assets"}
+    found = {"deformrf", *map(module_name, folders)}
+    assert set(setuptools["packages"]) == found | {"deformrf.shaders", "deformrf.assets"}
 
 
 def test_everything_beside_modules_is_installed():

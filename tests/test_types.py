@@ -17,9 +17,9 @@ PROGRAMS = ROOT / "tests" / "typing"
 PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
 TABLE = {
     door: re.findall(r"`(\w+)`", names)
-    for door, names in re.findall(r"^\| `deformrf\.([\w.]+)` \| (.*) \|$", PAGE, re.MULTILINE)
+    for door, names in re.findall(r"^\| `(deformrf[\w.]*)` \| (.*) \|$", PAGE, re.MULTILINE)
 }
-WINGS = "wings.rig", "wings.capture"  # typed, too
+WINGS = "deformrf.wings.rig", "deformrf.wings.capture"  # typed to the last name
 # What the annotations leave open: shapes and elements of arrays, JSON, fields by name.
 LEFT_OPEN = (
     r"ndarray\[tuple\[Any, \.\.\.\]|dtype\[Any\]|array\[Any, int\]|dict\[str, Any\]|\*\*\w+: Any"
@@ -38,11 +38,11 @@ def members(cls):
 
 def questions():
     """A program that asks mypy for the type of each public name and member, one a line."""
-    doors = {door: importlib.import_module(f"deformrf.{door}") for door in (*TABLE, *WINGS)}
-    lines = [f"import deformrf.{door}" for door in doors]
+    doors = {door: importlib.import_module(door) for door in TABLE}
+    lines = [f"import {door}" for door in doors]
     for door, module in doors.items():
-        for name in TABLE.get(door) or module.__all__:
-            path, value = f"deformrf.{door}.{name}", getattr(module, name)
+        for name in module.__all__ if door in WINGS else TABLE[door]:
+            path, value = f"{door}.{name}", getattr(module, name)
             lines.append(f"reveal_type({path})")
             if inspect.isclass(value):
                 lines += [
@@ -56,8 +56,8 @@ def questions():
 def checked(pytestconfig, tmp_path_factory):
     """What mypy says, in one run, of each program: its lines, and {(line number, sentence)}."""
     folder = tmp_path_factory.mktemp("programs")
-    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    (folder / "page.py").write_text(program, encoding="utf-8")
+    programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)  # each goes on from the last
+    (folder / "page.py").write_text("".join(programs), encoding="utf-8")
     (folder / "questions.py").write_text(questions(), encoding="utf-8")
     paths = [*PROGRAMS.glob("*.py"), *folder.glob("*.py")]
     cache = pytestconfig.cache.mkdir("mypy")
@@ -80,7 +80,7 @@ def checked(pytestconfig, tmp_path_factory):
 
 @pytest.mark.parametrize("door", TABLE)
 def test_a_door_begins_with_the_names_of_the_page(door):
-    stub = (ROOT / door.replace(".", "/") / "__init__.pyi").read_text(encoding="utf-8")
+    stub = ROOT.joinpath(*door.split(".")[1:], "__init__.pyi").read_text(encoding="utf-8")
     first = stub.partition("\n# ")[0]
     assert sorted(TABLE[door]) == sorted(re.findall(r" as (\w+)", first))
 
@@ -88,9 +88,12 @@ def test_a_door_begins_with_the_names_of_the_page(door):
 def test_the_caller_uses_every_name_of_the_page():
     used = set()
     for node in ast.walk(ast.parse((PROGRAMS / "caller.py").read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module.startswith("deformrf."):
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("deformrf"):
             used |= {f"{node.module}.{alias.name}" for alias in node.names}
-    assert {f"deformrf.{door}.{name}" for door, names in TABLE.items() for name in names} == used
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "deformrf":
+            used.add(ast.unparse(node))
+    used.remove("deformrf.__version__")
+    assert {f"{door}.{name}" for door, names in TABLE.items() for name in names} == used
 
 
 @pytest.mark.parametrize("program", ["page", "caller"])
@@ -115,7 +118,6 @@ def test_no_public_name_is_unknown(checked):
             assert not re.search(r"\bAny\b", re.sub(LEFT_OPEN, "", answer)), f"{line}: {answer}"
 
 
-def test_typed_rooms_say_so():
+def test_the_package_says_that_it_is_typed():
     """The marker of PEP 561; without it mypy takes the names of an installed package for Any."""
-    for door in (*TABLE, *WINGS):
-        assert (ROOT / door.split(".")[0] / "py.typed").exists(), door
+    assert (ROOT / "py.typed").exists()

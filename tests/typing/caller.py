@@ -3,10 +3,13 @@
 It is not run.  Annotations say what the docstrings of the API say.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+import deformrf
+from deformrf import Model
 from deformrf.core.deform import (
     LOWEST_POISSON_RATIO,
     PRESETS,
@@ -98,6 +101,53 @@ from deformrf.core.training import (
     preset,
     train,
 )
+from deformrf.viewer.files import SurfaceMesh, save_surface, surface_of, with_colors
+from deformrf.viewer.sessions import Session, SessionError, load_session, poses
+from deformrf.wings.capture import Capture, CaptureError, find_cameras, frames_of_video
+from deformrf.wings.rig import (
+    MESH_ENDINGS,
+    METHODS,
+    BonePose,
+    Channel,
+    Clip,
+    GltfRig,
+    Method,
+    Rig,
+    Skeleton,
+    Skinner,
+    VertexClip,
+    aligned,
+    arrays_of,
+    automatic_weights,
+    clip_of_poses,
+    export_mesh,
+    fitted_weights,
+    load_rig,
+    make_skeleton,
+    mixed,
+    reach,
+    read_cache,
+    read_gltf,
+    rig_from,
+    rigid_weights,
+    skinned,
+    turned,
+)
+
+
+def use_model(path: Path) -> list[deformrf.Image]:
+    model: Model = deformrf.load(path, device="cpu")
+    solver: XpbdSolver = model.solver(Material(), options=XpbdOptions(contact=True))
+    model.set_vertices(solver.vertices)
+    model.set_vertices(model.vertices.tolist())
+    pose = deformrf.look_at((2, 2, 1), (0, 0, 0))
+    camera: deformrf.Camera = deformrf.from_field_of_view(pose, 0.7, 64, 48)
+    one: deformrf.Image = model.render(camera, RenderOptions(background=(0.0, 0.0, 0.0)))
+    one.save(path.with_suffix(".png"))
+    model.render().save("front.png")
+    model.save(f"{model.device}.npz")
+    print(deformrf.__version__, model.renderer.field is model.field)
+    return model.render([camera, model.camera((1, 0, 0), width=64)])
 
 
 def train_field(data: Path, model: str) -> TetField:
@@ -213,3 +263,54 @@ def outline(field: TetField) -> np.ndarray:
     points: np.ndarray = surface.points(field.mesh.rest_vertices)
     tets, weights = located(field.mesh, field.neighbours, np.zeros(len(points), int), points)
     return np.column_stack([tets, weights])
+
+
+def find(folder: str) -> Capture | None:
+    photos: Path = frames_of_video(Path(folder) / "film.mp4", image_size=800)
+    try:
+        return find_cameras(photos, "work", is_sequence=True)
+    except CaptureError:
+        return None
+
+
+def make_rig(mesh: TetMesh, field: TetField) -> dict[str, np.ndarray]:
+    skeleton: Skeleton = make_skeleton(["root", "tip"], [-1, 0], np.zeros((2, 3)), np.ones((2, 3)))
+    pose: BonePose = turned(skeleton, skeleton.rest_pose, skeleton.bone("tip"), (0.0, 0.5, 0.0))
+    pose = mixed(pose, reach(skeleton, pose, 1, (1.0, 0.0, 1.0)), 0.5)
+    clip: Clip = clip_of_poses("nod", np.arange(2.0), [skeleton.rest_pose, pose])
+    channels: tuple[Channel, ...] = clip.channels
+    cache: VertexClip = read_cache("cloth.pc2", mesh.vertex_count)
+    rig = Rig(skeleton, automatic_weights(mesh, skeleton), (clip, cache))
+    method: Method = "dual quaternion"
+    posed: np.ndarray = skinned(
+        mesh.rest_vertices, rig.weights, clip.matrices_at(skeleton, 0.5), method, rig.offsets
+    )
+    skinner = Skinner(mesh.rest_vertices, rigid_weights(mesh, skeleton), "cpu")
+    count: int = len(skinner.pose(clip.matrices_at(skeleton, 1.0)))
+    print(method in METHODS, len(channels), posed.shape, count)
+    if field.rig_arrays is not None:
+        rig = rig_from(field.rig_arrays, mesh.vertex_count)
+    return arrays_of(rig)
+
+
+def read_rigs(mesh: TetMesh) -> Rig:
+    found: GltfRig = aligned(read_gltf("fox.glb"), np.eye(4))
+    weights, offsets = fitted_weights(mesh, found.points, found.triangles, found.point_weights)
+    print(weights.shape, None if offsets is None else offsets.shape)
+    return load_rig("rig.npz", mesh.vertex_count)
+
+
+def play(path: str, model: Model) -> Iterator[np.ndarray]:
+    try:
+        session: Session = load_session(path, model.field)
+    except SessionError as error:
+        raise SystemExit(str(error)) from None
+    print(session.ticks, session.header["vertices"], session.events[0].name)
+    yield from poses(path, model.field, every=2, device=model.device)
+
+
+def export(model: Model) -> Path:
+    mesh = model.field.mesh
+    surface: SurfaceMesh = surface_of(mesh.tets, model.field.neighbours, model.vertices)
+    save_surface(with_colors(surface, model.renderer, size=1.0), "posed.ply")
+    return export_mesh(mesh, f"mesh{MESH_ENDINGS[1]}")

@@ -1,5 +1,6 @@
 """Mistakes; each line's comment is mypy's name of the error that tests/test_types.py expects."""
 
+import deformrf
 import deformrf.core.field
 from deformrf.core.deform import Material, XpbdSolver, lowest_pins
 from deformrf.core.field import (
@@ -17,7 +18,7 @@ r.rendr(3)  # attr-defined
 r.render(3)  # arg-type
 r.render()  # call-arg
 r.render(look_at((2, 2, 1), (0, 0, 0)))  # arg-type
-r.set_vertices("vertices")  # arg-type
+r.set_vertices(None)  # arg-type
 RenderOptions(path="fastest")  # arg-type
 RenderOptions(steps=3)  # call-arg
 rest, tets = field.mesh.rest_vertices, field.mesh.tets
@@ -29,3 +30,7 @@ solver.settled = True  # misc
 train(load_dataset("data"), preset("tiny"))  # call-arg
 train(load_dataset("data", "train"), "tiny")  # arg-type
 preset("tiny").spacings  # attr-defined
+m = deformrf.load("model.npz")
+m.render(look_at((2, 2, 1), (0, 0, 0)))  # call-overload
+m.render([m.camera()]).save("a.png")  # attr-defined
+deformrf.laod("model.npz")  # attr-defined

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...core.base.paths import whole_file
 from ...core.geometry import boundary_faces
-from ...core.render import seen_from_outside, vertex_normals
+from ...core.render import Renderer, seen_from_outside, vertex_normals
 
 OUTSIDE = 0.01  # object sizes from a vertex to where its ray starts
 ENDINGS = ".ply", ".obj"
@@ -26,7 +27,7 @@ class SurfaceMesh:
     colors: np.ndarray | None = None  # [N, 3] uint8
 
 
-def surface_of(tets, neighbours, positions) -> SurfaceMesh:
+def surface_of(tets: np.ndarray, neighbours: np.ndarray, positions: ArrayLike) -> SurfaceMesh:
     """The surface of a mesh with its vertices at `positions` [V, 3].
 
     Args:
@@ -43,7 +44,7 @@ def surface_of(tets, neighbours, positions) -> SurfaceMesh:
     return SurfaceMesh(vertices, faces.reshape(-1, 3).astype(np.int32))
 
 
-def with_colors(surface: SurfaceMesh, renderer, size: float) -> SurfaceMesh:
+def with_colors(surface: SurfaceMesh, renderer: Renderer, size: float) -> SurfaceMesh:
     """The surface with the colors that a Renderer, which has its pose, sees at each vertex.
 
     Args:
@@ -54,7 +55,7 @@ def with_colors(surface: SurfaceMesh, renderer, size: float) -> SurfaceMesh:
     return SurfaceMesh(surface.vertices, surface.faces, colors)
 
 
-def save_surface(surface: SurfaceMesh, path: Path, attribution: str = "") -> Path:
+def save_surface(surface: SurfaceMesh, path: str | Path, attribution: str = "") -> Path:
     """Write a file by its ending, one of ENDINGS; an older one stays if that fails.
 
     Args:

@@ -15,7 +15,7 @@ import math
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import wraps
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class Event(NamedTuple):
 
     tick: int  # so many ticks had passed
     name: str
-    arguments: dict  # of numbers, strings, lists, bools and None
+    arguments: dict[str, Any]  # of numbers, strings, lists, bools and None
 
 
 @dataclass

@@ -1,11 +1,12 @@
 from .session import (
-    KEY as KEY,
     Session as Session,
     SessionError as SessionError,
     load_session as load_session,
-    save_session as save_session,
-    start_of as start_of,
 )
+from .replay import poses as poses
+
+# For the rest of the viewer, and the commands.
+from .session import KEY as KEY, save_session as save_session, start_of as start_of
 from .belonging import open_session as open_session
 from .player import (
     Patience as Patience,

@@ -23,6 +23,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from ...core.base.paths import BUNDLED, program_version, whole_file
 from ...core.base.reading import open_file
 from ...core.base.schema import integer
 from ...core.base.streams import printable, shown
+from ...core.field import TetField
 from ..history import EDITS, Event
 from ..scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
@@ -53,7 +55,7 @@ class SessionError(ValueError):
 class Session:
     """A session that was read."""
 
-    header: dict
+    header: dict[str, Any]
     events: list[Event]
     path: Path | None = None  # of its file, for sentences; its second line is the first event
 
@@ -166,7 +168,7 @@ def _check_length(journal):
         )
 
 
-def load_session(path: Path, field, whole: bool = True) -> Session:
+def load_session(path: str | Path, field: TetField, whole: bool = True) -> Session:
     """Read and check a session of a model.
 
     Args:

@@ -62,8 +62,8 @@ class Capture:
 
 
 def find_cameras(
-    folder: Path,
-    work_folder: Path,
+    folder: str | Path,
+    work_folder: str | Path,
     image_size: int = IMAGE_SIZE,
     is_sequence: bool = False,
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
@@ -84,16 +84,16 @@ def find_cameras(
         ModuleNotFoundError: pycolmap is not installed.
         OSError: Nothing can be written beside the photographs.
     """
-    began = time.monotonic()
+    began, folder = time.monotonic(), Path(folder)
     load_pycolmap()
     photos_at = photo_folder(folder)
     if photos_at is None:
         raise CaptureError(f"{folder} holds no photographs: {ADVICE}")
-    if (path := Path(folder) / TRANSFORMS_FILE).exists():
+    if (path := folder / TRANSFORMS_FILE).exists():
         raise CaptureError(f"{path} is there already, and is not overwritten: remove or rename it")
     photos, unreadable = find_photos(photos_at)
     check_count(folder, photos, unreadable)
-    work, again = open_work(work_folder, photos, image_size)
+    work, again = open_work(Path(work_folder), photos, image_size)
     on_work(work.folder, again)
     with Phases() as phases:
         unreadable += find_features(work, phases.phase)
@@ -105,7 +105,7 @@ def find_cameras(
     mapped = placed(mapped)
     taken = set(mapped.numbers.tolist())
     capture = Capture(
-        Path(folder),
+        folder,
         tuple(photos[n] for n in mapped.numbers),
         mapped,
         agreement(work, mapped),

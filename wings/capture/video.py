@@ -42,7 +42,7 @@ def frames_folder(path: Path) -> Path:
     return path.with_name(f"{path.stem}-frames")
 
 
-def frames_of_video(path: Path, image_size: int = IMAGE_SIZE, count: int = FRAMES) -> Path:
+def frames_of_video(path: str | Path, image_size: int = IMAGE_SIZE, count: int = FRAMES) -> Path:
     """Write a video's sharp frames, if they aren't there already; returns their folder.
 
     Args:
@@ -53,7 +53,7 @@ def frames_of_video(path: Path, image_size: int = IMAGE_SIZE, count: int = FRAME
     """
     from .phases import Phases  # late, as av
 
-    path, folder = Path(path), frames_folder(path)
+    path, folder = Path(path), frames_folder(Path(path))
     stat = path.stat()
     source = {"video": path.name, "bytes": stat.st_size, "time": stat.st_mtime_ns}
     if folder.exists():
