@@ -44,6 +44,7 @@ CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
 LEAST_TILE_WORK = 1.0e5  # a tile costs a millisecond besides its work
 CPU_TILE_RAYS = 1 << 16  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
+QUALITY = 95  # of pictures in formats with losses
 PICTURE_ENDINGS = ".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp"
 WAVEFRONT_PIXELS = 1 << 16  # a wavefront holds a multiple of these
 
@@ -111,7 +112,7 @@ class Image:
         if path.suffix.lower() not in PICTURE_ENDINGS:
             raise ValueError(f"{path}: a picture's name ends in {', '.join(PICTURE_ENDINGS)}")
         with whole_file(path) as partial:
-            self._picture().save(partial)
+            self._picture().save(partial, quality=QUALITY)
 
     def _repr_png_(self) -> bytes:
         """What Jupyter shows."""

@@ -50,6 +50,18 @@ def test_warp_starts_without_a_word():
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 
+@pytest.mark.parametrize("level", ["LOG_DEBUG", "LOG_WARNING"])
+def test_a_program_chooses_what_warp_says(level):
+    program = (
+        "import warp as wp\n"
+        "from deformrf.core.base.device import start_warp\n"
+        "def chosen(level): wp.config.log_level = level; start_warp(); return wp.config.log_level\n"
+        f"assert chosen(wp.{level}) == wp.{level}\n"
+        "assert chosen(wp.LOG_INFO) == wp.LOG_INFO"  # after the start, it is nobody's default
+    )
+    subprocess.run([sys.executable, "-c", program], capture_output=True, check=True)
+
+
 @pytest.mark.parametrize(
     "files, cores",
     [

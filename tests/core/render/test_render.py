@@ -1,10 +1,12 @@
 """The fast renderer equals the definition: at rest, moved, bent and stretched."""
 
+import io
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from PIL import Image as Picture
 
 from deformrf.core.base import paths
 from deformrf.core.definition.image import ray_pieces, render_rays
@@ -303,6 +305,72 @@ def test_a_wrong_number_of_vertices_is_named(make_ball_field):
     renderer = Renderer(make_ball_field(11))
     with pytest.raises(ValueError, match="17 were given"):
         renderer.set_vertices(np.zeros((17, 3)))
+
+
+def kinds(vertices):
+    """The same positions in the kinds of arrays that programs have."""
+    import torch
+    import warp as wp
+
+    tensor = torch.from_numpy(vertices.astype(np.float64))
+    yield from (vertices, vertices.astype(np.float64), np.asfortranarray(vertices))
+    yield from (vertices.tolist(), tensor, tensor.float().requires_grad_().detach())
+    devices = ["cpu", *(["cuda:0"] if wp.is_cuda_available() else [])]
+    for device in devices:
+        if device == "cpu" or torch.cuda.is_available():
+            yield tensor.to(device)
+        yield wp.array(vertices, dtype=wp.vec3, device=device)
+        yield wp.array(vertices.astype(np.float64), dtype=wp.vec3d, device=device)
+        yield wp.array(vertices, dtype=float, device=device)
+
+
+def test_vertices_of_any_kind_are_taken(make_ball_field, device):
+    field = make_ball_field(11)
+    renderer = Renderer(field, device)
+    vertices = bend(field.mesh.rest_vertices).astype(np.float32)
+    for given in kinds(vertices):
+        renderer.set_vertices(field.mesh.rest_vertices)
+        renderer.set_vertices(given)
+        assert np.array_equal(renderer.pose.vertices.numpy(), vertices), type(given)
+
+
+def test_a_tensor_that_wants_gradients_is_refused(make_ball_field, device):
+    import torch
+
+    field = make_ball_field(11)
+    renderer = Renderer(field, device)
+    tensor = torch.tensor(field.mesh.rest_vertices, requires_grad=True)
+    with pytest.raises(ValueError, match=r"pass vertices\.detach\(\)"):
+        renderer.set_vertices(tensor)
+    with pytest.raises(ValueError, match=r"shape \[3, \d+\], not \[V, 3\]"):
+        renderer.set_vertices(tensor.detach().T)
+
+
+def test_what_is_no_camera_is_named(make_ball_field):
+    renderer = Renderer(make_ball_field(11))
+    for wrong, name in ((look_at((2, 2, 1), (0, 0, 0)), "ndarray"), (None, "NoneType")):
+        with pytest.raises(TypeError, match=f"the camera is a {name}: give a Camera"):
+            renderer.render(wrong)
+
+
+def test_an_image_is_saved_and_shows_itself(make_ball_field, device, tmp_path):
+    """As it is seen over the background; formats with losses are near."""
+    image = Renderer(make_ball_field(11), device).render(camera(), CONFORMANCE)
+    expected = image.color_array()[..., :3]
+    assert (expected[0, 0] == np.rint(255 * np.array(BACKGROUND))).all()
+    shown = np.asarray(Picture.open(io.BytesIO(image._repr_png_())))
+    assert np.array_equal(shown, expected)
+    for name in ("a.png", "c.tif", "b.JPG"):
+        image.save(str(tmp_path / name))
+        saved = np.asarray(Picture.open(tmp_path / name)).astype(int)
+        if name == "b.JPG":
+            saved, expected = saved.mean(axis=(0, 1)), expected.mean(axis=(0, 1))
+        assert np.abs(saved - expected).max() < 1.0
+    with pytest.raises(ValueError, match=r"d\.gif: a picture's name ends in \.png"):
+        image.save(tmp_path / "d.gif")
+    with pytest.raises(OSError, match="can't write"):
+        image.save(tmp_path / "no folder" / "a.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.JPG", "c.tif"]
 
 
 @pytest.mark.parametrize("part", ["table", "density_layers", "color_layers", "mesh"])
