@@ -33,6 +33,7 @@ def started(monkeypatch):
 
     def start(driver):
         monkeypatch.setattr(device, "_starting", None)
+        monkeypatch.setattr(device, "_started", False)
         monkeypatch.setattr(device, "_cuda_driver", lambda: driver)
         found = []
         monkeypatch.setattr(
