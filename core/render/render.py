@@ -200,7 +200,7 @@ class Renderer:
         """
         if not isinstance(camera, Camera):
             raise TypeError(
-                f"the camera is a {type(camera).__name__}: give a Camera, such as "
+                f"render takes a Camera, not {type(camera).__name__}: make one with "
                 f"from_field_of_view(look_at(eye, target), angle_x, width, height)"
             )
         options = self._checked(options)

@@ -348,8 +348,8 @@ def test_a_tensor_that_wants_gradients_is_refused(make_ball_field, device):
 
 def test_what_is_no_camera_is_named(make_ball_field):
     renderer = Renderer(make_ball_field(11))
-    for wrong, name in ((look_at((2, 2, 1), (0, 0, 0)), "ndarray"), (None, "NoneType")):
-        with pytest.raises(TypeError, match=f"the camera is a {name}: give a Camera"):
+    for wrong, name in ((look_at((2, 2, 1), (0, 0, 0)), "ndarray"), ([], "list")):
+        with pytest.raises(TypeError, match=f"takes a Camera, not {name}: make one with"):
             renderer.render(wrong)
 
 
