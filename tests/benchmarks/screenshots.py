@@ -18,11 +18,11 @@ SETTLING = 40  # frames
 class Studio:
     """The viewer on a model, by default the bundled one, and what is set up in it."""
 
-    def __init__(self, field=None, name="helmet"):
+    def __init__(self, field=None, name="helmet", size=SIZE):
         pyglet.options.headless = True
         from deformrf.viewer.window import open_window
 
-        window, context = open_window(SIZE, headless=True)
+        window, context = open_window(size, headless=True)
         from deformrf.core import field as fields
         from deformrf.core.base.paths import DEFAULT_MODEL
         from deformrf.viewer.app import App
