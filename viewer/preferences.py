@@ -22,7 +22,10 @@ KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
 MOST_RECENT = 10  # files that were opened
 SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
-KEPT = "background", "grab_radius", "show_panel", "panel_side", "panel_width"  # of the Settings
+KEPT = (  # of the Settings
+    *("background", "grab_radius", "show_panel", "panel_side", "panel_width"),
+    "has_dragged",
+)
 DEFAULT = Settings()
 
 
@@ -38,6 +41,7 @@ class Preferences:
     show_panel: bool = DEFAULT.show_panel
     panel_side: str = DEFAULT.panel_side
     panel_width: float = DEFAULT.panel_width
+    has_dragged: bool = DEFAULT.has_dragged
     recent: list[str] = field(default_factory=list)  # absolute paths, the last one first
     path: Path | None = None
 
@@ -77,6 +81,7 @@ GOOD = {  # name: whether a value of the file is one
     "show_panel": schema.flag,
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),
+    "has_dragged": schema.flag,
     "recent": schema.listing(
         schema.both(schema.text(least=1), lambda path: "\0" not in path), MOST_RECENT
     ),

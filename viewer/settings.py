@@ -46,6 +46,7 @@ class Settings:
     panel_side: str = "left"  # one of SIDES
     panel_width: float = 330.0  # points
     show_help: bool = False
+    has_dragged: bool = False  # a red point, ever; until then a line says how
     show_timeline: bool = False
     handles_in_clips: bool = True
     panel_in_screenshots: bool = False

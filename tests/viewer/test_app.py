@@ -82,6 +82,27 @@ def test_pressing_and_moving_bends_the_object(bare):
     assert [name for name, _ in bare.log][-2:] == ["grab", "release"]
 
 
+def test_a_line_says_how_to_begin_until_a_red_point_has_been_dragged(bare):
+    from imgui_bundle import imgui
+    from pyglet.window import mouse
+
+    def is_shown():
+        frames(bare, 2)
+        line = imgui.internal.find_window_by_name("first minute")
+        return line is not None and line.was_active
+
+    x, y = view_point(bare, free_vertex(bare))
+    assert is_shown() and not bare.gui.covers(bare.window.width // 2, bare.window.height - 20)
+    bare.scene.settings.show_help = True
+    assert not is_shown()
+    bare.scene.settings.show_help = False
+    send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
+    send(bare, "on_mouse_drag", x + 9, y, 9, 0, mouse.LEFT, 0)
+    assert is_shown()
+    send(bare, "on_mouse_release", x + 9, y, mouse.LEFT, 0)
+    assert not is_shown()
+
+
 def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
     from pyglet.window import mouse
 

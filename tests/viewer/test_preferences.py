@@ -23,7 +23,7 @@ def test_what_is_saved_is_loaded(path, tmp_path):
     kept, problem = p.load(path)
     assert kept == p.Preferences(path=path) and problem == ""
     settings = Settings(background=(0.1, 0.2, 0.3), panel_side="right", show_panel=False)
-    settings.target_fps = 24.0
+    settings.target_fps, settings.has_dragged = 24.0, True
     p.take(kept, settings, usual_fps=10.0)
     kept.window_size = (640, 480)
     kept.opened(tmp_path / "a.npz")

@@ -1,7 +1,7 @@
 """User actions: the table of gestures and keys, and the functions that keys and menus call.
 
-INPUTS is the only list: key bindings, menus, tooltips, hints, the help overlay and README follow
-it.
+INPUTS is the only list: key bindings, menus, tooltips, hints, the help overlay and
+docs/keys.md follow it.
 """
 
 from dataclasses import dataclass

@@ -186,6 +186,7 @@ class Controls:
             if handles.grabbed is not None:
                 vertex = handles.grabbed.handles[0]
                 handles.release()
+                scene.settings.has_dragged = True
                 self._log("release", vertex=vertex, position=self._place(vertex))
         elif self.mode == "bone":
             self.bones.release()

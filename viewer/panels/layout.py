@@ -31,6 +31,7 @@ from .view import RECORDING_RED, model_panel, record_panel, recording_line, time
 BAR_WIDTH = 360.0
 MARGIN = 12.0
 HELP_FONT = 0.85  # of the panel's size
+FIRST_LINE = "Drag a red point.  F1: keys"  # until that has been done once
 HINT_COUNT = 4  # the first gestures of the mouse
 FLOATING = (
     imgui.WindowFlags_.no_decoration.value
@@ -97,6 +98,11 @@ def draw_panels(app) -> None:
         over_message = above + 4.0 * MARGIN
         _floating("flying", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, over_message)
         imgui.text(app.fly.line)
+        imgui.end()
+    if not app.scene.settings.has_dragged and not app.scene.settings.show_help:
+        top = imgui.get_frame_height() * app.scene.settings.show_panel
+        _floating("first minute", (0.5, 0.0), imgui.WindowFlags_.no_inputs.value, top=top)
+        imgui.text(FIRST_LINE)
         imgui.end()
     sign = recording_line(app)
     if sign and not app.scene.settings.show_panel:
