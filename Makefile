@@ -82,7 +82,8 @@ soak: venv
 	$(BIN)/python tests/benchmarks/fuzz_inputs.py --put-back && \
 	$(BIN)/python tests/benchmarks/fuzz_inputs.py --seconds 600 --seed $$seed && \
 	$(BIN)/python tests/benchmarks/kills.py --count 10 --seed $$seed && \
-	$(BIN)/python tests/benchmarks/shortages.py
+	$(BIN)/python tests/benchmarks/shortages.py && \
+	$(BIN)/python tests/support/readme_lines.py --train
 
 random-use: venv
 	$(BIN)/python tests/benchmarks/random_use.py

@@ -139,7 +139,7 @@ def test_a_wheel_has_its_licenses_and_a_readme_for_an_index(wheel):
         told = email.message_from_bytes(archive.read(about))
     info = about.rpartition("/")[0]
     assert {name.partition("/")[0] for name in names} == {"deformrf", info}
-    assert told["Version"] == PROJECT["version"] and told["License-Expression"] == "MIT"
+    assert told["Version"] == PROJECT["version"] and told["License-Expression"] == PROJECT["license"]
     for pattern in PROJECT["license-files"]:
         assert [n for n in names if Path(n).match(f"{info}/licenses/{pattern}")], pattern
     readme = told.get_payload()

@@ -1,20 +1,43 @@
-"""The pages name files that exist."""
+"""The pages name files that exist, and what README has one type works."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from readme_lines import type_all
+from xwindow import missing_tools
 
 ROOT = Path(__file__).resolve().parent.parent
 PATTERNS = ("*.md", "assets/*.md", "docs/**/*.md")
 PAGES = [page for pattern in PATTERNS for page in sorted(ROOT.glob(pattern))]
-LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)(?:#[^)]*)?\)")
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_lead_to_files(page):
-    for target in LINK.findall(page.read_text(encoding="utf-8")):
-        assert (page.parent / target).exists(), f"{page.name} links to {target}"
+    for target, heading in LINK.findall(page.read_text(encoding="utf-8")):
+        path = page.parent / target if target else page
+        assert path.exists(), f"{page.name} links to {target}"
+        assert not heading or heading in headings(path), f"{page.name} links to {target}#{heading}"
+
+
+def headings(page):
+    """The anchors of a page's headings, as they are where repositories are shown."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    titles = re.findall(r"^#+ (.*)$", text, re.M)
+    return [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
+
+
+@pytest.mark.usefixtures("window")
+@pytest.mark.skipif(bool(missing_tools()), reason="needs Xvfb and xdotool")
+def test_each_line_of_readme_works(tmp_path):
+    """In a fresh clone, with an empty HOME; `make soak` trains as well, and on other Pythons."""
+    if subprocess.run(["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True).returncode:
+        pytest.skip("this is no clone")
+    for one in type_all(tmp_path, sys.executable):
+        assert one.is_right(), f"{one.typed}: {one.code}\n{one.printed}"
 
 
 def expanded(name):

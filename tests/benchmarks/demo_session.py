@@ -1,4 +1,4 @@
-"""The session of README's clip: assets/demo.jsonl, made by a hand that follows a plan.
+"""The session of the clip in docs/window.md: assets/demo.jsonl, made by a hand that follows a plan.
 
     python tests/benchmarks/demo_session.py [--out assets/demo.jsonl]
     deformrf render --session assets/demo.jsonl --size 480x360 --fps 15 --samples 4 \\

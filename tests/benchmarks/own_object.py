@@ -1,4 +1,4 @@
-"""The pictures of README's "Your own object": from photographs to a film.
+"""The pictures of docs/own-object.md: from photographs to a film.
 
     python tests/benchmarks/own_object.py PHOTOS [--model toy.npz] [--out docs/figures/own]
 
@@ -38,7 +38,7 @@ def run(code, *arguments):
 
 
 def keep(image, path, box=None):
-    """Write a picture, or the part of it in a box, in README's size."""
+    """Write a picture, or the part of it in a box, in the page's size."""
     image = image.convert("RGB").crop(box) if box else image.convert("RGB")
     height = round(image.height * WIDTH / image.width)
     image.resize((WIDTH, height), Image.Resampling.LANCZOS).save(path, quality=QUALITY, method=6)
