@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from setuptools import setup
+from setuptools.command.build_py import build_py
 
 # pip itself would name a dependency that has no wheel.
 if not (3, 11) <= sys.version_info[:2] <= (3, 14):
@@ -31,7 +32,16 @@ def absolute(link: re.Match) -> str:
     return f"{before}{ADDRESS}/{kind}/HEAD/{path}"
 
 
+class BuildModules(build_py):
+    """The root is the package, but for this file."""
+
+    def find_package_modules(self, package, package_dir):
+        found = super().find_package_modules(package, package_dir)
+        return [one for one in found if one[:2] != ("deformrf", "setup")]
+
+
 setup(
+    cmdclass={"build_py": BuildModules},
     long_description=LINK.sub(absolute, (ROOT / "README.md").read_text("utf-8")),
     long_description_content_type="text/markdown",
 )

@@ -94,5 +94,5 @@ def arguments_of_all() -> dict[str, type]:
         if "COMMANDS" in members:
             kinds |= {f"{name} {sub}": kind for sub, (kind, _) in members["COMMANDS"].items()}
         else:
-            (*_, kinds[name]) = (one for word, one in members.items() if word.endswith("Arguments"))
+            kinds[name] = members[f"{module.capitalize()}Arguments"]
     return kinds

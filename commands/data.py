@@ -24,7 +24,7 @@ TOY = ASSETS / "toy"
 PROJECT_PAGE = "https://www.matthewtancik.com/nerf"
 SPLITS = {"train": "training", "test": "test"}
 
-Folder = Annotated[Path, Arg("FOLDER", positional=True)]
+NewFolder = Annotated[Path, Arg("FOLDER", positional=True)]
 DataSet = Annotated[Path | None, Arg("FOLDER", positional=True)]
 
 
@@ -32,7 +32,7 @@ DataSet = Annotated[Path | None, Arg("FOLDER", positional=True)]
 class ToyArguments(OnCpu):
     """Write 72 photographs of a toy on a table into a folder, to train on."""
 
-    folder: Folder = Path("toy")
+    folder: NewFolder = Path("toy")
     """A folder that is new or empty."""
 
 
@@ -56,8 +56,7 @@ def prepare_toy(arguments: ToyArguments):
     if folder.exists() and any(folder.iterdir()):
         raise ValueError(f"{folder} is not empty: give a new or an empty folder")
     paths = [folder / photograph.name for photograph in photographs]
-    for path in paths[:1]:
-        writable_file(path, path.suffix)  # makes the folder
+    writable_file(paths[0], ".jpg")  # makes the folder
 
     def job():
         with whole_files(paths) as partials:

@@ -28,7 +28,7 @@ def chosen(program: str, words: list[str], commands: dict, around: tuple[str, st
         before, behind = before + behind[:count], behind[count:]
     name, behind = (behind[0], behind[1:]) if behind else ("", [])
     if name == "help" and behind:
-        name, behind = behind[0], ["--help"]
+        name, behind = behind[0], [*behind[1:], "--help"]
     if name in commands:
         return name, before + behind
     if VERSION in before and opener:

@@ -46,6 +46,7 @@ INTERRUPTED = 130
 
 def main() -> int:
     """Run the command that the first word names."""
+    forget_current_folder()
     keep_going()
     return begin(*chosen("deformrf", sys.argv[1:], COMMANDS, (ABOUT, EXAMPLES), opener="view"))
 

@@ -31,7 +31,7 @@ COMMON = f"""
   {VERBOSE}             Print on stderr what the program notes.
   {VERSION}             Print the version.
   -h, --help            Print this."""
-COLUMN, WIDEST = 24, 100
+COLUMN, NARROWEST, WIDEST = 24, 60, 100
 # Spellings that go on working: what each is now; None of a flag that takes its opposite back.
 OLD = {
     "deformrf train": {
@@ -116,13 +116,14 @@ def parsed(program: str, kind: type, words: list[str] | None = None):
     names = [name for option in options_of(kind) for name in option.names]
     for option in options_of(kind):
         _add(parser, option)
-    # argparse takes -1 for a number, but -1e-3 for an option, unless it has a space.
-    words = [f" {word}" if re.fullmatch(r"-\.?\d.*", word) else word for word in words]
+    # argparse takes -1 for a number, but -1e-3 for an option.
+    parser._negative_number_matcher = re.compile(r"-(\.?\d|inf)")
     found, unknown = parser.parse_known_args(words)
     if unknown:
         word = unknown[0].partition("=")[0]
+        what = f"there is no option {word}" if word.startswith("-") else f"{word!r} is one too many"
         near = get_close_matches(word, names, 1) if word.startswith("-") else []
-        parser.error(f"{word!r} is no word of this command" + "".join(f"; {n} is" for n in near))
+        parser.error(what + "".join(f" (did you mean {name}?)" for name in near))
     arguments = _filled(kind, vars(found))
     if isinstance(arguments, OnCpu) and arguments.device == "cuda":
         print(f"{program}: works on the CPU; --device changes nothing", file=sys.stderr)
@@ -198,19 +199,19 @@ def respelled(program: str, words: list[str]) -> list[str]:
         name, equals, value = word.partition("=")
         name = name.replace("_", "-") if name.startswith("--") else name
         new = old.get(name, name)
-        if new is None:
+        if new is None and not equals:
             opposite = f"--{name[5:]}" if name.startswith("--no-") else f"--no-{name[2:]}"
             now = [earlier for earlier in now if earlier != opposite]
             continue
         if new != name and name in MOVED:
             print(f"{program}: {MOVED[name].format(new=new)}", file=sys.stderr)
-        now.append(new + equals + value)
+        now.append((new or name) + equals + value)
     return now
 
 
 def help_of(program: str, kind: type) -> str:
     """The page of --help."""
-    width = min(shutil.get_terminal_size().columns, WIDEST)
+    width = min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST)
     found = options_of(kind)
     usage = ["usage:", program]
     for option in found:

@@ -96,9 +96,9 @@ class RenderArguments:
     codec: Literal["h264", "h265", "av1", "vp9", "webp"] | None = None
     """The video's encoding; by default h264 for .mp4, vp9 for .webm."""
     hide_handles: bool = False
-    """Leave out the red and gray spheres, and bones."""
+    """Leave out the red and gray spheres, and bones, which films of a session show."""
     show_handles: bool = False
-    """Draw the spheres of control points and pins with --clip, too."""
+    """Draw the spheres of control points and pins without a session, too."""
     mode: Mode | None = None
     """View mode, instead of the session's; samples are those along a ray."""
     device: Choice = "auto"
@@ -110,8 +110,15 @@ class RenderArguments:
 
     GROUPS = {  # noqa: RUF012
         "What moves": (
-            *("session", "timeline", "first", "last", "clip", "softness", "material"),
-            *("pose", "object_size"),
+            "session",
+            "timeline",
+            "first",
+            "last",
+            "clip",
+            "softness",
+            "material",
+            "pose",
+            "object_size",
         ),
         "The camera": ("camera", "turntable"),
         "The film": ("size", "fps", "frames", "samples", "shutter", "codec"),
@@ -174,9 +181,10 @@ def _check_clip(chosen):
         raise ValueError(f"--softness is {chosen.softness:g}; it is a part of the object: 0 to 1")
     if chosen.softness and chosen.clip is None:
         raise ValueError("--softness is about how a clip moves the object: it needs --clip")
-    if chosen.show_handles and (chosen.clip is None or chosen.hide_handles):
+    if chosen.show_handles and (chosen.session is not None or chosen.hide_handles):
         raise ValueError(
-            "--show-handles is for films of a --clip, which have none without it: leave it out"
+            "--show-handles is for films without a --session, which show none by default: "
+            "leave it out"
         )
     if chosen.clip is not None and (chosen.session is not None or chosen.pose is not None):
         raise ValueError("--clip moves the object: leave --session and --pose out")
@@ -283,7 +291,7 @@ def _film(app, film, chosen, most):
     from ..viewer.films import FilmMaker, FilmOptions
     from ..viewer.sessions import Patience, SessionError
 
-    handles = chosen.show_handles or not (chosen.hide_handles or chosen.clip)
+    handles = chosen.show_handles or not (chosen.hide_handles or chosen.session is None)
     options = FilmOptions(chosen.samples, chosen.shutter, chosen.transparent, handles, chosen.mode)
     try:
         count = min(film.count, most or film.count)

@@ -54,7 +54,8 @@ def prepare_bind(arguments: BindArguments):
     output = writable_file(arguments.output, ".npz", source=arguments.rig)
     rig, makers = bound(field, arguments)
     known = field.attribution
-    meta = {} if makers in known else {"attribution": "; ".join(filter(None, (known, makers)))}
+    every = dict.fromkeys(filter(None, (*known.split("; "), *makers.split("; "))))  # once each
+    meta = {"attribution": "; ".join(every)}
 
     def job():
         fields.save(replace(field, rig_arrays=rigs.arrays_of(rig)), output, meta)

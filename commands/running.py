@@ -38,7 +38,7 @@ OUT_OF_MEMORY = ("Failed to allocate", "out of memory", "DefaultCPUAllocator")
 # Packages that may be missing: what each does, and the extra of pyproject.toml that has it.
 PACKAGES = {
     "torch": ("trains models", "train"),
-    "scipy": ("finds objects in photographs and measures models", "report"),
+    "scipy": ("measures models, and finds objects in photographs", "report"),
     "pycolmap": ("finds the cameras of photographs", "colmap"),  # "train" has it where wheels are
     "matplotlib": ("draws the report's figures", "report"),
     "markdown_it": ("writes the report's page", "report"),

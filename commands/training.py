@@ -122,10 +122,19 @@ class TrainArguments:
     GROUPS = {  # noqa: RUF012
         "The photographs": ("image_size", "masks", "outside_images", "check"),
         "The object": (
-            *("aabb", "scene_radius", "object_size", "surroundings", "keep_surroundings"),
+            "aabb",
+            "scene_radius",
+            "object_size",
+            "surroundings",
+            "keep_surroundings",
         ),
         "The method": (
-            *("steps", "seed", "spacing", "color_width", "view_dependence", "entry_bits"),
+            "steps",
+            "seed",
+            "spacing",
+            "color_width",
+            "view_dependence",
+            "entry_bits",
             "leave_out",
         ),
     }
@@ -160,6 +169,8 @@ def prepare_training(
         on_pause: For training.train.
         on_trained: Called with its result, before that is written.
     """
+    if not arguments.data.exists():
+        raise ValueError(f"there is no {arguments.data}")
     require("torch")
     object_size("--object-size", arguments.object_size)
     output = writable_file(arguments.output, ".npz")

@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from .base.device import device_name
+from .base.paths import DEFAULT_MODEL
 from .deform import Material, XpbdOptions, XpbdSolver, lowest_pins
 from .field import TetField
 from .field import load as load_field
@@ -27,8 +28,18 @@ class Model:
         device: Warp's name of the device that renders and simulates.
     """
 
+    def __repr__(self):
+        mesh = self.field.mesh
+        return f"Model({mesh.tet_count} tets, {mesh.vertex_count} vertices, on {self.device})"
+
     def __init__(self, field: TetField, device: str = "auto"):
-        """Take a field, and a device: "cpu", "cuda:0", or "auto" for CUDA if the machine has it."""
+        """Take a field, and a device: "cpu", "cuda:0", or "auto" for CUDA if the machine has it.
+
+        Raises:
+            ValueError: The device has another name.
+        """
+        if device not in ("auto", "cpu") and not device.startswith("cuda"):
+            raise ValueError(f'there is no device "{device}": take "auto", "cpu" or "cuda:0"')
         self.field = field
         self.device: str = device_name("auto") if device == "auto" else device
 
@@ -78,7 +89,12 @@ class Model:
             direction: From the object to the camera, in model space, where z is up.  [3]
             width, height: Of the picture [pixels].
             angle_x: Horizontal field of view [radians].
+
+        Raises:
+            ValueError: The direction has length 0.
         """
+        if not np.any(direction):
+            raise ValueError(f"the direction to the camera is {direction}: it has no length")
         mesh = self.renderer.shown.mesh
         points = mesh.rest_vertices[np.unique(mesh.tets)]
         center = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -118,8 +134,8 @@ class Model:
         save_field(self.field, path)
 
 
-def load(path: str | Path, device: str = "auto") -> Model:
-    """Read a model file, an .npz.
+def load(path: str | Path = DEFAULT_MODEL, device: str = "auto") -> Model:
+    """Read a model file, an .npz; without a path, the bundled helmet.
 
     Args:
         device: See Model.

@@ -16,6 +16,7 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"  # beside the che
 
 # Files of more than ten seconds begin first: none is left to one worker at the end.
 LONG = (
+    "test_readme.py",
     "viewer/test_window.py",
     "scenes/test_window_tool.py",
     "scenes/test_window_questions.py",

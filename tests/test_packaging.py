@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from readme_lines import NO_INDEX
 
 from deformrf.commands.running import PACKAGES
 
@@ -22,7 +23,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 # The wheel is installed for each; "make soak" names several.
 PYTHONS = os.environ.get("PYTHONS", sys.executable).split()
-NO_INDEX = re.compile("NewConnectionError|ConnectTimeout|NameResolutionError|ProxyError|SSLError")
 
 # Views a model and opens the panels' module while modules outside ALLOWED can't be found.
 PROGRAM = """
@@ -80,8 +80,9 @@ def test_an_error_names_an_extra_that_has_the_package():
 
 
 def test_no_page_and_no_error_takes_the_package_from_an_index():
-    for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *ROOT.glob("*/**/*.py")]:
-        if path.is_relative_to(ROOT / "tests") or ".venv" in path.parts:
+    patterns = "*.md", "docs/**/*.md", ".github/**/*.yml", "Makefile", "*.py", "*/**/*.py*"
+    for path in [path for pattern in patterns for path in ROOT.glob(pattern)]:
+        if path.is_relative_to(ROOT / "tests") or {".venv", "__pycache__"} & {*path.parts}:
             continue
         said = path.read_text("utf-8")
         assert not re.search(r"pip install ['\"]?deformrf(?!-\S+\.whl)", said), path
@@ -139,7 +140,11 @@ def test_a_wheel_has_its_licenses_and_a_readme_for_an_index(wheel):
         told = email.message_from_bytes(archive.read(about))
     info = about.rpartition("/")[0]
     assert {name.partition("/")[0] for name in names} == {"deformrf", info}
-    assert told["Version"] == PROJECT["version"] and told["License-Expression"] == PROJECT["license"]
+    modules = {name for name in names if re.fullmatch(r"deformrf/[^/]+", name)}
+    assert modules == {f"deformrf/{name}" for name in ("__init__.py", "__init__.pyi", "py.typed")}
+    assert (
+        told["Version"] == PROJECT["version"] and told["License-Expression"] == PROJECT["license"]
+    )
     for pattern in PROJECT["license-files"]:
         assert [n for n in names if Path(n).match(f"{info}/licenses/{pattern}")], pattern
     readme = told.get_payload()

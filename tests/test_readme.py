@@ -1,12 +1,13 @@
 """The pages name files that exist, and what README has one type works."""
 
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from readme_lines import type_all
+from readme_lines import NO_INDEX, type_all
 from xwindow import missing_tools
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,7 +38,9 @@ def test_each_line_of_readme_works(tmp_path):
     if subprocess.run(["git", "-C", ROOT, "rev-parse", "HEAD"], capture_output=True).returncode:
         pytest.skip("this is no clone")
     for one in type_all(tmp_path, sys.executable):
-        assert one.is_right(), f"{one.typed}: {one.code}\n{one.printed}"
+        if "DEFORMRF_REQUIRE_INDEX" not in os.environ and NO_INDEX.search(one.printed):
+            pytest.skip("no package index can be reached from here")
+        assert one.is_right(trains=False), f"{one.typed}: {one.code}\n{one.printed}"
 
 
 def expanded(name):

@@ -5,7 +5,13 @@ import platform
 import sys
 from importlib import metadata
 
-PACKAGES = ("warp-lang", "torch", "moderngl", "pyglet", "imgui-bundle", "av", "numpy")
+PACKAGES = ("warp-lang", "moderngl", "pyglet", "imgui-bundle", "av", "numpy")
+EXTRAS = {  # what training, reports and exchange need besides
+    "train": ("torch", "scipy", "pycolmap"),
+    "report": ("matplotlib", "markdown-it-py", "scipy"),
+    "lpips": ("lpips", "torchvision"),
+    "exchange": ("meshio", "usd-core"),
+}
 
 
 def report(headless: bool) -> int:
@@ -17,10 +23,9 @@ def report(headless: bool) -> int:
     _line("deformrf", program_version())
     _line("python", f"{sys.version.split()[0]} on {platform.platform()}")
     for package in PACKAGES:
-        try:
-            _line(package, metadata.version(package))
-        except metadata.PackageNotFoundError:
-            _line(package, "missing")
+        _line(package, _version(package))
+    for extra, packages in EXTRAS.items():
+        _line(f"extra {extra}", ", ".join(f"{name} {_version(name)}" for name in packages))
     try:
         import av
 
@@ -49,6 +54,13 @@ def report(headless: bool) -> int:
         cuda = f"{gpu.name}, {gpu.total_memory / 2**30:.0f} GiB, sm_{gpu.arch}"
     _line("CUDA", cuda)
     return _opengl(headless, device)
+
+
+def _version(package):
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "missing"
 
 
 def _line(name, value):

@@ -23,7 +23,11 @@ LARGEST_FILE = 2**20  # bytes
 MOST_RECENT = 10  # files that were opened
 SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
 KEPT = (  # of the Settings
-    *("background", "grab_radius", "show_panel", "panel_side", "panel_width"),
+    "background",
+    "grab_radius",
+    "show_panel",
+    "panel_side",
+    "panel_width",
     "has_dragged",
 )
 DEFAULT = Settings()

@@ -1,4 +1,4 @@
-"""Makes the film of bones in docs/window.md: a fox that runs, and the bundled helmet bent by two bones.
+"""Makes the film of bones in docs/window.md: a fox that runs, and the helmet bent by two bones.
 
     python tests/benchmarks/rig_films.py FOX.npz -o docs/figures/bones.webp
 

@@ -76,8 +76,8 @@ def test_the_list_is_shown_without_anything_slow():
             ["edit", "a.npz"],
             "arguments are required: -o/--output; deformrf edit --help lists",
         ),
-        (["view", "a.npz", "b.npz"], "'b.npz' is no word of this command"),
-        (["view", "--framez", "3"], "'--framez' is no word of this command; --frames is"),
+        (["view", "a.npz", "b.npz"], "'b.npz' is one too many"),
+        (["view", "--framez", "3"], "there is no option --framez (did you mean --frames?)"),
         (["view", "--fps", "many"], "--fps: 'many' is no whole number"),
         (["train", "a", "-o", "b.npz", "--aabb", "1", "2"], "--aabb: expected 6 arguments"),
         (["eval", "a", "b", "--device", "gpu"], "--device: invalid choice: 'gpu'"),
@@ -92,3 +92,11 @@ def test_a_mistake_ends_in_one_sentence(deformrf, words, sentence):
 @pytest.mark.parametrize("words", [["--version"], ["view", "--version"], ["--version", "rig"]])
 def test_the_version_is_printed_wherever_it_is_asked_for(deformrf, words):
     assert deformrf(*words) == (0, f"deformrf {program_version()}\n", "")
+
+
+def test_a_mistake_runs_nothing_of_the_current_folder(tmp_path):
+    (tmp_path / "difflib.py").write_text("raise SystemExit('this is the folder')")
+    program = "import sys; from deformrf.commands.entry import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "veiw"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2 and "did you mean view?" in done.stderr

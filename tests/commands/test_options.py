@@ -62,6 +62,8 @@ def test_words_become_a_dataclass():
         device="cpu",
     )
     assert parsed("x", Some, ["a", "-o", "b"]) == Some(Path("a"), Path("b"))
+    found = parsed("x", Some, ["-o", "-2.npz", "--box", "-inf", "-.5", "--", "-3d.npz"])
+    assert found == Some(Path("-3d.npz"), Path("-2.npz"), (-float("inf"), -0.5))
 
 
 def test_help_has_all_of_it():

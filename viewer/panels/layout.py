@@ -99,8 +99,10 @@ def draw_panels(app) -> None:
         _floating("flying", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, over_message)
         imgui.text(app.fly.line)
         imgui.end()
-    if not app.scene.settings.has_dragged and not app.scene.settings.show_help:
-        top = imgui.get_frame_height() * app.scene.settings.show_panel
+    settings = app.scene.settings
+    is_new = settings.tool == "grab" and not settings.has_dragged
+    if is_new and not (settings.show_help or app.photographs):
+        top = imgui.get_frame_height() * settings.show_panel
         _floating("first minute", (0.5, 0.0), imgui.WindowFlags_.no_inputs.value, top=top)
         imgui.text(FIRST_LINE)
         imgui.end()

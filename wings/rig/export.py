@@ -12,6 +12,7 @@ Positions are those at rest, in model space, z up.  docs/rigs.md has the PLY's e
 Shapes: V vertices, T tets.
 """
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -134,7 +135,7 @@ def _write_vtu(mesh, path, attribution):
     meshio.write(path, grid, file_format="vtu")
     if attribution:
         first, _, rest = path.read_bytes().partition(b"\n")  # <?xml version="1.0"?>
-        words = attribution.replace("--", "- -").encode("ascii", "xmlcharrefreplace")
+        words = re.sub("-(?=-)", "- ", attribution).encode("ascii", "xmlcharrefreplace")
         path.write_bytes(b"%b\n<!-- %b -->\n%b" % (first, words, rest))
 
 

@@ -86,7 +86,7 @@ def no_split(folder, split):
     raise NoSplitError(
         f"{folder} holds no {own} (transforms files there: {others}), and "
         f"neither rgb/ and pose/ (NSVF) nor sparse/0/ (COLMAP) nor a scan (Polycam, Record3D) nor "
-        f"photographs"
+        f"cameras of photographs, which deformrf train finds"
     )
 
 

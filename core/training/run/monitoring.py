@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from .training_field import TrainingField
 
 MOST_ROWS = 100  # of a stage
+TOLD_SECONDS = 20.0  # between two lines, where there is no bar
 LEAST_ERROR = 1e-12  # of equal images, whose PSNR would be infinite
 SNAPSHOT_INTERVAL = 512  # steps from one set of good weights to the next
 DIVERGED_FACTOR = 20.0  # of the smoothed loss over the lowest so far
@@ -42,7 +43,7 @@ class TrainingProgress:
 
     def __init__(self, shown=True):
         self.rate = 0.0
-        self._shown = shown
+        self._shown, self._told = shown, time.perf_counter()
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -76,12 +77,13 @@ class TrainingProgress:
         now = time.perf_counter()
         self.rate = step_count * sample_count / max(now - self._since, 1e-9)
         self._since = now
-        self._bar.update(
-            task,
-            advance=step_count,
-            psnr=f"{psnr_of(mse):.2f} dB" if isfinite(mse) else "lost",
-            rate=f"{self.rate / 1e6:.1f} M samples/s",
-        )
+        psnr = f"{psnr_of(mse):.2f} dB" if isfinite(mse) else "lost"
+        rate = f"{self.rate / 1e6:.1f} M samples/s"
+        self._bar.update(task, advance=step_count, psnr=psnr, rate=rate)
+        # In a file, the bar is a single line, at the end.
+        if not self._bar.console.is_terminal and now - self._told > TOLD_SECONDS:
+            self._told, (one,) = now, [one for one in self._bar.tasks if one.id == task]
+            self.say(f"{one.description} {one.completed:.0f}/{one.total:.0f} {psnr} {rate}")
 
 
 class History:

@@ -82,7 +82,10 @@ def test_a_clip_that_is_not_there_is_named(dancer, ball):
         (["--turntable", "1", "--softness", "0.5"], "it needs --clip"),
         (["--clip", "Dance", "--session", "s.jsonl"], "leave --session and --pose out"),
         (["--clip", "Dance", "--pose", "p.npy"], "leave --session and --pose out"),
-        (["--turntable", "1", "--show-handles"], "--show-handles is for films of a --clip"),
+        (
+            ["--session", "a.jsonl", "--show-handles"],
+            "--show-handles is for films without a --session",
+        ),
         (["--clip", "Dance", "--show-handles", "--hide-handles"], "leave it out"),
     ],
 )

@@ -85,7 +85,7 @@ def test_a_ply_carries_the_preview(mesh, tmp_path):
     np.testing.assert_array_equal(elements["preview_face"]["vertex_indices"], surface.faces)
 
 
-@pytest.mark.parametrize("makers", ["", "Mesh by A -- and Öya <x>, CC BY 4.0"])
+@pytest.mark.parametrize("makers", ["", "Mesh by A --- and Öya <x>, CC BY 4.0-"])
 @pytest.mark.parametrize("ending", [".ply", ".vtu", ".usda", ".usdc"])
 def test_a_file_states_who_made_the_object(mesh, tmp_path, ending, makers):
     if ending == ".vtu":
@@ -100,7 +100,7 @@ def test_a_file_states_who_made_the_object(mesh, tmp_path, ending, makers):
         assert len(read_ply(path)["tet"]) == mesh.tet_count
     elif ending == ".vtu":
         assert len(meshio.read(path).cells_dict["tetra"]) == mesh.tet_count
-        comment = makers.replace("--", "- -").replace("Ö", "&#214;")
+        comment = makers.replace("---", "- - -").replace("Ö", "&#214;")
         assert path.read_bytes().count(f"<!-- {comment} -->".encode()) == bool(makers)
     else:
         from pxr import Sdf

@@ -80,3 +80,14 @@ def test_after_some_returns_it_is_given_up(field):
     assert watched(field, errors)[0].returns == monitoring.MOST_RETURNS
     with pytest.raises(Diverged):
         watched(field, [*errors, float("nan")])
+
+
+def test_without_a_terminal_lines_say_how_far_a_run_is(capsys, monkeypatch):
+    """As in a file or a batch system, where the bar appears only at the end."""
+    monkeypatch.setattr(monitoring, "TOLD_SECONDS", 0.0)
+    with monitoring.TrainingProgress() as progress:
+        task = progress.begin("stage 1", 40)
+        for _ in range(2):
+            progress.advance(task, 10, 0.01, 1000)
+        told = capsys.readouterr().out
+    assert "stage 1 10/40 20.00 dB" in told and "stage 1 20/40 20.00 dB" in told
