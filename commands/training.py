@@ -158,6 +158,14 @@ def train_command(prepare: Callable[[TrainArguments], Callable[[], int]]) -> int
     return code
 
 
+def check_simple(arguments: TrainArguments) -> None:
+    """Raise an error for what can be known before anything is read."""
+    if not arguments.data.exists():
+        raise ValueError(f"there is no {arguments.data}")
+    object_size("--object-size", arguments.object_size)
+    require("torch")
+
+
 def prepare_training(
     arguments: TrainArguments,
     on_pause: Callable | None = None,
@@ -169,10 +177,7 @@ def prepare_training(
         on_pause: For training.train.
         on_trained: Called with its result, before that is written.
     """
-    if not arguments.data.exists():
-        raise ValueError(f"there is no {arguments.data}")
-    require("torch")
-    object_size("--object-size", arguments.object_size)
+    check_simple(arguments)
     output = writable_file(arguments.output, ".npz")
     checkpoint_path = output.with_suffix(".checkpoint")
     # A run that was interrupted while it sought cameras has no checkpoint yet.
