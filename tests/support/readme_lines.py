@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 BLOCK, PROGRAM = r"^```\n(.*?)^```$", r"^```python\n(.*?)^```$"
 LINES = re.compile(rf"{BLOCK}|{PROGRAM}|`((?:deformrf|make) [^`]+)`", re.M | re.S)
 ADDRESS = re.compile(r"https://\S+\.git")
-FRAMES = 3  # of a window
+FRAMES = 3  # of a window, and of a film that is only to begin
 NEED_EXTRAS = "deformrf train", "deformrf report"
 # pip cannot reach an index.
 NO_INDEX = re.compile("NewConnectionError|ConnectTimeout|NameResolutionError|ProxyError|SSLError")
@@ -74,7 +74,7 @@ def typed_line(line: str, wheel: Path | None, trains: bool) -> str:
         return f'pip install "{what}"' + ("" if trains else f" && {copied}")
     if line.startswith("make") and wheel:
         return "true"
-    if line.startswith("deformrf view"):
+    if line.startswith("deformrf view" if trains else ("deformrf view", "deformrf render")):
         return f"{line} --frames {FRAMES}"
     if line.startswith("deformrf train") and "--check" not in line:
         return f"{line} --preset tiny"

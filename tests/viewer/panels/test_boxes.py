@@ -20,6 +20,7 @@ def app(window, ball):
     app.load(field, "ball", "cpu")
     app.left_behind = None
     app.scene.settings.show_panel = app.scene.settings.accumulate = False
+    app.scene.settings.has_dragged = True  # without the line that says how to begin
     yield app
     app.end()
     app.close()
