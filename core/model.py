@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from .base.device import device_name
-from .base.paths import DEFAULT_MODEL
+from .base.paths import BUNDLED, DEFAULT_MODEL
 from .deform import Material, XpbdOptions, XpbdSolver, lowest_pins
 from .field import TetField
 from .field import load as load_field
@@ -36,10 +36,13 @@ class Model:
         """Take a field, and a device: "cpu", "cuda:0", or "auto" for CUDA if the machine has it.
 
         Raises:
-            ValueError: The device has another name.
+            ValueError: The device has another name, or this machine has no CUDA.
         """
-        if device not in ("auto", "cpu") and not device.startswith("cuda"):
+        kind = device.partition(":")[0]
+        if kind not in ("auto", "cpu", "cuda"):
             raise ValueError(f'there is no device "{device}": take "auto", "cpu" or "cuda:0"')
+        if kind == "cuda":
+            device_name("cuda")
         self.field = field
         self.device: str = device_name("auto") if device == "auto" else device
 
@@ -138,9 +141,10 @@ def load(path: str | Path = DEFAULT_MODEL, device: str = "auto") -> Model:
     """Read a model file, an .npz; without a path, the bundled helmet.
 
     Args:
+        path: A file, or the name of a bundled model: "helmet" or "fox".
         device: See Model.
 
     Raises:
         ModelFileError: The file is missing, is no model, has another version or is damaged.
     """
-    return Model(load_field(path), device)
+    return Model(load_field(BUNDLED.get(str(path), path)), device)

@@ -80,7 +80,15 @@ def test_an_error_names_an_extra_that_has_the_package():
 
 
 def test_no_page_and_no_error_takes_the_package_from_an_index():
-    patterns = "*.md", "docs/**/*.md", ".github/**/*.yml", "Makefile", "*.py", "*/**/*.py*"
+    patterns = (
+        "*.md",
+        "docs/**/*.md",
+        ".github/**/*.yml",
+        "Makefile",
+        "*.py",
+        "*/**/*.py",
+        "*/**/*.pyi",
+    )
     for path in [path for pattern in patterns for path in ROOT.glob(pattern)]:
         if path.is_relative_to(ROOT / "tests") or {".venv", "__pycache__"} & {*path.parts}:
             continue

@@ -173,7 +173,8 @@ class Renderer:
                 of float32 on the renderer's device is copied without a detour by the host.
 
         Raises:
-            ValueError: They have another shape, or torch would want gradients of them.
+            ValueError: They have another shape or, unless they are a wp.array of vec3, no finite
+                numbers; or torch would want gradients of them.
         """
         with self.stage("pose"):
             self.overlap.join()  # a search may still read the pose before, if its image failed

@@ -73,3 +73,21 @@ def test_a_model_is_saved_and_loaded(ball_file, tmp_path):
     model.save(tmp_path / "copy.npz")
     assert np.array_equal(load_field(tmp_path / "copy.npz").table, model.field.table)
     assert load(tmp_path / "copy.npz").device in ("cpu", "cuda:0")
+
+
+@pytest.mark.parametrize(
+    "wrong, sentence",
+    [
+        (lambda m: load("fox", "gpu"), 'no device "gpu"'),
+        (lambda m: m.camera(direction=(0, 0, 0)), "it has no length"),
+        (lambda m: m.set_vertices(np.full_like(m.vertices, np.nan)), "no finite numbers"),
+    ],
+)
+def test_what_can_not_be_is_said_at_once(model, wrong, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        wrong(model)
+
+
+def test_a_bundled_model_is_loaded_by_its_name():
+    assert "fox" in load("fox").field.attribution.lower()
+    assert repr(load(device="cpu")) == "Model(5416 tets, 1632 vertices, on cpu)"

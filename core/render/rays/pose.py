@@ -220,7 +220,7 @@ def _on_host(vertices) -> np.ndarray:
     """Positions of any kind.  [n, 3] float32
 
     Raises:
-        ValueError: They have another shape, or torch would want gradients of them.
+        ValueError: They have another shape or no finite numbers, or torch would want gradients.
     """
     if isinstance(vertices, wp.array):
         vertices = vertices.numpy()
@@ -234,6 +234,8 @@ def _on_host(vertices) -> np.ndarray:
     vertices = np.ascontiguousarray(vertices, np.float32)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ValueError(f"the vertices have the shape {list(vertices.shape)}, not [V, 3]")
+    if not np.isfinite(vertices).all():
+        raise ValueError("some vertices are no finite numbers")
     return vertices
 
 

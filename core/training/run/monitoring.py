@@ -83,7 +83,8 @@ class TrainingProgress:
         # In a file, the bar is a single line, at the end.
         if not self._bar.console.is_terminal and now - self._told > TOLD_SECONDS:
             self._told, (one,) = now, [one for one in self._bar.tasks if one.id == task]
-            self.say(f"{one.description} {one.completed:.0f}/{one.total:.0f} {psnr} {rate}")
+            left = "" if one.time_remaining is None else f", {one.time_remaining:.0f} s left"
+            self.say(f"{one.description}: {one.completed:.0f}/{one.total:.0f}, {psnr}{left}")
 
 
 class History:

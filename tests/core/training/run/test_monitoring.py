@@ -90,4 +90,4 @@ def test_without_a_terminal_lines_say_how_far_a_run_is(capsys, monkeypatch):
         for _ in range(2):
             progress.advance(task, 10, 0.01, 1000)
         told = capsys.readouterr().out
-    assert "stage 1 10/40 20.00 dB" in told and "stage 1 20/40 20.00 dB" in told
+    assert "stage 1: 10/40, 20.00 dB" in told and "stage 1: 20/40, 20.00 dB" in told
