@@ -103,6 +103,16 @@ def test_a_line_says_how_to_begin_until_a_red_point_has_been_dragged(bare):
     assert not is_shown()
 
 
+def test_the_list_of_keys_shrinks_with_the_window(bare):
+    """In full letters it is ten times as wide as this one; an advance is a pixel at least."""
+    from imgui_bundle import imgui
+
+    bare.scene.settings.show_help = True
+    frames(bare, 3)
+    keys = imgui.internal.find_window_by_name("help")
+    assert keys.content_size_ideal.x < 2.0 * bare.window.width
+
+
 def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
     from pyglet.window import mouse
 

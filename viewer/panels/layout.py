@@ -202,13 +202,26 @@ def _floating(name, place, flags=0, above=0.0, top=0.0):
 
 
 def help_overlay(app):
-    """The table of inputs, in as many columns as the window's height asks for."""
-    imgui.push_font(None, HELP_FONT * imgui.get_style().font_size_base)
+    """The table of inputs, in as many columns as the window's height asks for.
+
+    The letters are smaller where the columns would be wider than the window.
+    """
+    size, style = imgui.get_io().display_size, imgui.get_style()
+    imgui.push_font(None, HELP_FONT * style.font_size_base)
     entries = list(filter(attrgetter("label"), INPUTS))
-    row_height = imgui.get_text_line_height() + 2.0 * imgui.get_style().cell_padding.y
-    fitting = max(int((imgui.get_io().display_size.y - 4.0 * MARGIN) / row_height), 1)
+    row_height = imgui.get_text_line_height() + 2.0 * style.cell_padding.y
+    fitting = max(int((size.y - 4.0 * MARGIN) / row_height), 1)
     columns = -(-len(entries) // fitting)
     rows = -(-len(entries) // columns)
+    width = sum(
+        max(imgui.calc_text_size(getattr(entry, name)).x for entry in entries[first : first + rows])
+        + 2.0 * style.cell_padding.x
+        for first in range(0, len(entries), rows)
+        for name in ("label", "help")
+    )
+    smaller = min((size.x - 4.0 * MARGIN) / width, 1.0)
+    imgui.pop_font()
+    imgui.push_font(None, smaller * HELP_FONT * style.font_size_base)
     if imgui.begin_table("inputs", 2 * columns, imgui.TableFlags_.sizing_fixed_fit.value):
         for row in range(rows):
             imgui.table_next_row()
