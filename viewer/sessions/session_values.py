@@ -24,7 +24,7 @@ from ...core.base.schema import (
     text,
     vector,
 )
-from ...core.deform import Material
+from ...core.deform import INTEGRATORS, Material
 from ...core.render import MODES
 from ...wings.rig import METHODS, MOST_BONES
 from ..camera import CLOSEST, FARTHEST, Orbit
@@ -40,7 +40,8 @@ FARTHEST_POINT = 1e3  # model units
 MATERIAL = tuple(f.name for f in fields(Material))
 ORBIT = tuple(f.name for f in fields(Orbit))
 OPTIONS = "substep_count", "contact"
-START = "meters_per_unit", "pins", "points", "floor", "stiffness", "rig"  # besides the material
+# What a start has besides the material and OPTIONS.
+START = "integrator", "meters_per_unit", "pins", "points", "floor", "stiffness", "rig"
 ANY_NAMES = {"set_material": MATERIAL, "set_options": OPTIONS}
 VIEW = (*ORBIT, *SHOWN)
 LONGEST_CLIP = 86400.0  # s
@@ -86,6 +87,7 @@ ARGUMENTS = {
     "height": optional(coordinate),
     **dict.fromkeys(("soft", "pinned", "held", "on", "contact", "pose"), flag),
     "substep_count": integer(1, 1000),
+    "integrator": one_of(INTEGRATORS),
     # of a material
     "young_modulus": number(1.0, 1e12),
     "poisson_ratio": number(0.0, 0.4999),

@@ -10,7 +10,7 @@ from random_hands import use
 
 from deformrf.core.deform import PRESETS
 from deformrf.core.field import pack_mask, subtet_middles
-from deformrf.viewer.history import journal
+from deformrf.viewer.history import begin_anew, journal
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import (
     Player,
@@ -242,6 +242,10 @@ DAMAGE = {
     "a point at infinity": lambda lines: lines.append([99, "move", {"to": [1e300, 0, 0]}]),
     "a flat point": lambda lines: lines.append([99, "move", {"to": [0, 0]}]),
     "too many substeps": lambda lines: lines.append([99, "set_options", {"substep_count": 10**6}]),
+    "an unknown integrator": lambda lines: lines[0]["start"].update(integrator="none"),
+    "another integrator later": lambda lines: lines.append(
+        [99, "set_options", {"integrator": "euler"}]
+    ),
     "an option of its own": lambda lines: lines.append([99, "set_options", {"rescue": False}]),
     "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
     "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
@@ -288,6 +292,22 @@ def test_a_session_of_another_material_starts_with_it(ball, scene, tmp_path):
     Player(other, load_session(path, ball))
     assert start_of(other) == start_of(scene)
     assert other.journal.events == [] and not other.moving
+
+
+def test_a_session_that_names_no_integrator_keeps_the_first(ball, scene, lines, tmp_path):
+    del lines[0]["start"]["integrator"]
+    path, own = tmp_path / "s.jsonl", scene.solver.options.integrator
+    path.write_text("\n".join(map(json.dumps, lines)))
+    session = load_session(path, ball)
+    Player(other := Scene(ball, "ball", "cpu"), session).play_to(session.ticks)
+    other.body.set_options(substep_count=12)
+    other.undo()
+    other.reset()
+    again = load_session(save_session(other, session.header["start"], path), ball)
+    for kept in (other.solver.options.integrator, again.header["start"]["integrator"]):
+        assert kept == "euler" != own
+    begin_anew(other)
+    assert other.solver.options.integrator == own
 
 
 def test_a_film_of_a_session_without_events_has_one_picture(scene):
