@@ -283,6 +283,7 @@ def _film_of(scene, chosen, session):
     film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
     if chosen.material is not None:
         scene.body.set_material(**asdict(MATERIALS[chosen.material]))
+        scene.body.adapt_substeps()
     return film, most
 
 

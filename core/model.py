@@ -71,12 +71,17 @@ class Model:
         Args:
             material: By default that of Material().
             pinned: The vertices that stay where they are [V] bool; by default the lowest ones.
+            options: By default with as many substeps as hold the material, as
+                XpbdSolver.substeps_that_hold says.
         """
         rest, tets = self.field.mesh.rest_vertices, self.field.mesh.tets
         pinned = lowest_pins(rest, tets) if pinned is None else pinned
         solver = XpbdSolver(rest, tets, material or Material(), pinned, options, self.device)
         if self.field.stiffness is not None:
             solver.set_stiffness(self.field.stiffness)
+        if options is None:
+            solver.set_options(XpbdOptions(substep_count=solver.substeps_that_hold()))
+            solver.reset()
         return solver
 
     def camera(

@@ -28,6 +28,7 @@ class FrameTimes:
         self._now = dict.fromkeys(TASKS, 0.0)
         self._last = None
         self._kept = deque(maxlen=HISTORY)  # when a frame ended, its seconds, and its tasks'
+        self._steps = deque([0.0], maxlen=RECENT)  # seconds that a tick of frames in motion took
         self._paces = deque(maxlen=HISTORY)  # when, and seconds by the clock and of the object
 
     @contextmanager
@@ -72,6 +73,12 @@ class FrameTimes:
     def passed(self, seconds: float, ticks: int) -> None:
         """Note the seconds that passed for the user, and the ticks for an object that moves."""
         self._paces.append((time.perf_counter(), seconds, ticks * TIME_STEP))
+        if ticks:
+            self._steps.append(self._now["simulate"] / ticks)
+
+    def tick_seconds(self) -> float:
+        """Median seconds that a tick of the object took when it moved last; 0 before."""
+        return float(np.median(self._steps))
 
     def pace(self) -> float:
         """The object's time to the clock's while it moved in the last second; 1 if it did not."""

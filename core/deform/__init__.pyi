@@ -21,13 +21,11 @@ from .strain import (
 )
 
 # For the viewer.
-from .xpbd import kernel_modules as kernel_modules
-
+from .xpbd import HELD_SHARE as HELD_SHARE, kernel_modules as kernel_modules
 from .xpbd_options import FIRST_INTEGRATOR as FIRST_INTEGRATOR, INTEGRATORS as INTEGRATORS
 
 # For solvers beside this one, which the lab compares with it.
 from .constraints import (
-    SOFTENED_BELOW as SOFTENED_BELOW,
     edge_constraints as edge_constraints,
     lumped_masses as lumped_masses,
     volume_constraints as volume_constraints,

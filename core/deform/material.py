@@ -101,6 +101,7 @@ PRESETS = {
     "clay": Material(
         young_modulus=1e6, poisson_ratio=0.40, density=1500.0, damping=8.0, yield_strain=0.03
     ),
-    # As stiff as the substeps allow: 24 of them hold some 5 MPa of the bundled model.
+    # As stiff as the substeps allow: those that a frame has time for hold some 100 MPa of the
+    # bundled model.
     "stiff": Material(young_modulus=1e9, poisson_ratio=0.35, density=600.0, damping=4.0),
 }

@@ -82,3 +82,16 @@ def test_the_pace_is_that_of_the_last_second_of_motion(monkeypatch):
         assert times.pace() == pytest.approx(ticks / 60 / seconds)
     now += 2.0  # at rest
     assert times.pace() == 1.0
+
+
+def test_a_tick_s_time_is_that_of_the_last_motion(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(time, "perf_counter", lambda: now)
+    times = FrameTimes()
+    assert times.tick_seconds() == 0.0
+    for simulate, ticks in [(0.004, 1)] * 20 + [(0.002, 2)] * 20 + [(0.0, 0)]:
+        with times.task("simulate"):
+            now += simulate
+        times.passed(0.1, ticks)
+        times.end_frame()
+    assert times.tick_seconds() == pytest.approx(0.001)

@@ -99,6 +99,7 @@ def with_timeline(scene, session: Session) -> tuple[Session, int]:
     timeline.play()
     end, patience = begin + timeline.end, Patience("playing the timeline", timeline.end)
     while scene.journal.tick < end:
+        scene.body.adapt_substeps()
         scene.tick()
         patience.heed(scene.journal.tick - begin)
     scene.note_view()

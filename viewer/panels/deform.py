@@ -5,7 +5,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ...core.deform import LOWEST_POISSON_RATIO, PRESETS, SOFTENED_BELOW, Material
+from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP, Material
 from ..input import label_of
 from ..layers import line_spacing
 from ..scene import EARTH
@@ -15,7 +15,7 @@ from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setti
 YOUNG_MODULI = 1e3, 1e9  # Pa
 POISSON_RATIOS = 0.0, 0.49
 DAMPINGS = 0.0, 20.0  # 1/s
-SUBSTEP_COUNTS = 1, 60
+SUBSTEP_COUNTS = 1, 500
 GRAVITIES = 0.1, 3.0 * EARTH
 SIZES = 0.01, 100.0  # m
 YIELD_STRAINS = 0.0, 0.5
@@ -23,11 +23,10 @@ AIR_DRAGS = 0.0, 10.0  # 1/s
 WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
 CUSTOM = "custom"  # the name of a material that is none of these
-HOLDS_TOOLTIP = f"""holds: the stiffness (Young's modulus) that the object really has with these
-substeps, whatever the slider asks for;
-r: how far an edge gives in a substep, its compliance against its inertia: below {SOFTENED_BELOW}
-the object is softer than asked for, and more substeps make it stiffer"""
+PRICE = "what they took of each 60th of a second when the object moved last"
+HOLDS = "the stiffness (Young's modulus) that the object really has with these substeps"
 SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
+AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time"
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
 DAMPING = "how fast vibrations fade"
 
@@ -52,7 +51,7 @@ def deform_panel(app):
     _shape(app)
     _tool(app)
     _grab(scene.settings)
-    _substeps(scene)
+    _substeps(app)
     _surroundings(scene)
     imgui.text_disabled(vertex_line(scene))
     imgui.set_item_tooltip("the id that --drag takes")
@@ -170,17 +169,24 @@ def _grab(settings):
     setting("soft grab", settings, "soft_grab", tooltip)
 
 
-def _substeps(scene):
+def _substeps(app):
     def change(count):
-        scene.body.set_options(substep_count=count)
+        body.set_options(substep_count=count)
 
-    count = scene.solver.options.substep_count
-    slider("substeps", count, SUBSTEP_COUNTS, "%.0f", change, tooltip=SUBSTEPS)
-    ratio, modulus = scene.body.stiffness
-    imgui.text_disabled(f"r = {ratio:.2g}, holds {si(modulus)}Pa")
-    imgui.set_item_tooltip(HOLDS_TOOLTIP)
-    if ratio < SOFTENED_BELOW:
-        imgui.text("softened: take more substeps")
+    body, count = app.scene.body, app.scene.solver.options.substep_count
+    slider("substeps", count, SUBSTEP_COUNTS, "%.0f", change, LOGARITHMIC, SUBSTEPS)
+    checkbox("automatic", body.automatic_substeps, body.set_automatic_substeps, AUTOMATIC)
+    imgui.same_line()
+    seconds = app.times.tick_seconds()
+    imgui.text_disabled(f"{1e3 * seconds:.1f} of {1e3 * TIME_STEP:.1f} ms")
+    imgui.set_item_tooltip(PRICE)
+    asked, (held, _) = body.material.young_modulus, body.stiffness
+    if held < HELD_SHARE * asked:
+        why = "more are too slow" if body.automatic_substeps else "take more substeps"
+        imgui.text(f"holds {si(held, 2)}Pa of {si(asked)}Pa: {why}")
+    else:
+        imgui.text_disabled(f"holds {si(asked)}Pa")
+    imgui.set_item_tooltip(HOLDS)
 
 
 def _surroundings(scene):
@@ -205,8 +211,9 @@ def _set_contact(body, on):
     body.set_options(contact=on)
 
 
-def si(value: float) -> str:
-    """A number with a prefix: 500000 -> '500 k'."""
+def si(value: float, digits: int = 3) -> str:
+    """A number of so many digits with a prefix: 500000 -> '500 k'."""
+    value = float(f"{value:.{digits}g}")
     for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if value >= factor:
             return f"{value / factor:.3g} {prefix}"

@@ -27,6 +27,7 @@ class Body:
     Attributes:
         material: The real one; change it by set_material.
         meters_per_unit: Of model space.
+        automatic_substeps: Whether their number follows the material, as `adapt_substeps` says.
         gravity: Downwards [m/s²]; 0 without gravity.
         wind: The air's speed along x [m/s].
         factors: Of Young's modulus at the vertices, or None: 1 everywhere.  [V]
@@ -51,6 +52,9 @@ class Body:
             self.solver.set_stiffness(factors)
         self._stiffness = None  # what `stiffness` depends on, and its value
         self._rest_shapes = []  # those before the present one
+        self.automatic_substeps = True
+        self.adapt_substeps()
+        self.solver.reset()  # it sleeps
 
     @property
     def meters(self) -> float:
@@ -83,19 +87,35 @@ class Body:
         return replace(self.material, young_modulus=modulus)
 
     @property
-    def stiffness(self) -> tuple[float, float]:
-        """The stiffness with these substeps: the median r = α/(w h²), and Young's modulus [Pa]."""
+    def stiffness(self) -> tuple[float, int]:
+        """Young's modulus with these substeps [Pa]; how many hold the material's."""
         painted = None if self.factors is None else self.factors.tobytes()
         key = self.solver.options, self.solver.material, self.solver.pinned.tobytes(), painted
         if self._stiffness is None or self._stiffness[0] != key:
             held = self.solver.held_young_modulus() * self.meters_per_unit**2
-            self._stiffness = key, (self.solver.stiffness_ratio(), held)
+            self._stiffness = key, (held, self.solver.substeps_that_hold())
         return self._stiffness[1]
 
     @edit("set_options", undo="{names}", merges=True)
     def set_options(self, **changes) -> None:
-        """Change some of the solver's XpbdOptions."""
+        """Change some of the solver's XpbdOptions; a number of substeps stays from then on."""
+        if "substep_count" in changes:
+            self.automatic_substeps = False
         self.solver.set_options(replace(self.solver.options, **changes))
+
+    @edit("set_automatic_substeps", undo="substeps")
+    def set_automatic_substeps(self, on: bool) -> None:
+        self.automatic_substeps = on
+
+    def adapt_substeps(self) -> None:
+        """Before time passes: take as many substeps as hold the material, if that is automatic."""
+        if self.automatic_substeps and self.stiffness[1] != self.solver.options.substep_count:
+            self._adapt_substeps(self.stiffness[1])
+
+    @edit("adapt_substeps")
+    def _adapt_substeps(self, substep_count):
+        """No step of its own, and recorded: later versions may take another number."""
+        self.solver.set_options(replace(self.solver.options, substep_count=substep_count))
 
     def paint(self, ids, shares, factor):
         """Multiply the stiffness of these vertices [K], by `factor` where the share is 1.  [K]"""
@@ -185,7 +205,7 @@ class Body:
 
     def state(self) -> dict:
         """What edits change, besides positions and pins."""
-        names = "material", "gravity", "wind", "_air_drag", "meters_per_unit"
+        names = "material", "gravity", "wind", "_air_drag", "meters_per_unit", "automatic_substeps"
         kept = {name: getattr(self, name) for name in names}
         kept["factors"] = None if self.factors is None else self.factors.copy()
         kept["_rest_shapes"] = list(self._rest_shapes)

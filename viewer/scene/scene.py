@@ -149,6 +149,7 @@ class Scene:
     def advance(self, seconds: float) -> None:
         """Let time pass; the object moves unless it rests or is paused."""
         self.note_view()
+        self.body.adapt_substeps()
         self._time += seconds
         count = min(round(self._time / TIME_STEP), MAX_STEPS)
         self._time = min(self._time - count * TIME_STEP, TIME_STEP)

@@ -95,6 +95,7 @@ def start_of(scene: Scene) -> dict:
     return material | {
         "meters_per_unit": body.meters_per_unit,
         "substep_count": options.substep_count,
+        "automatic_substeps": body.automatic_substeps,
         "contact": options.contact,
         "integrator": options.integrator,
         "pins": np.flatnonzero(scene.pins).tolist(),
@@ -243,7 +244,8 @@ def _check_header(path, header, mesh):
     if not isinstance(start, dict) or not is_tick(ticks):
         raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
     _check(path, 1, "start", start, mesh.vertex_count)
-    start.setdefault("integrator", FIRST_INTEGRATOR)  # there was no other
+    earlier = {"integrator": FIRST_INTEGRATOR, "automatic_substeps": False}  # there was no other
+    header["start"] = earlier | start
 
 
 # -- events ------------------------------------------------------------------------------------

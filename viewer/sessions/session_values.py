@@ -41,7 +41,7 @@ MATERIAL = tuple(f.name for f in fields(Material))
 ORBIT = tuple(f.name for f in fields(Orbit))
 OPTIONS = "substep_count", "contact"
 # What a start has besides the material and OPTIONS.
-START = "integrator", "meters_per_unit", "pins", "points", "floor", "stiffness", "rig"
+START = "integrator automatic_substeps meters_per_unit pins points floor stiffness rig".split()
 ANY_NAMES = {"set_material": MATERIAL, "set_options": OPTIONS}
 VIEW = (*ORBIT, *SHOWN)
 LONGEST_CLIP = 86400.0  # s
@@ -87,6 +87,7 @@ ARGUMENTS = {
     "height": optional(coordinate),
     **dict.fromkeys(("soft", "pinned", "held", "on", "contact", "pose"), flag),
     "substep_count": integer(1, 1000),
+    "automatic_substeps": flag,
     "integrator": one_of(INTEGRATORS),
     # of a material
     "young_modulus": number(1.0, 1e12),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform import HELD_SHARE, Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform.xpbd import COUNT_STEP
 from deformrf.core.geometry import TetMesh, a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0
@@ -319,6 +320,22 @@ def test_the_stiffness_ratio_falls_with_youngs_modulus():
     soft = xpbd.stiffness_ratio()
     xpbd.set_material(Material(young_modulus=1e7))
     assert xpbd.stiffness_ratio() == pytest.approx(soft / 100)
+
+
+def test_stiffer_materials_take_more_substeps_up_to_a_price():
+    mesh, counts = vase(), {}
+    xpbd, least = solver(mesh, foot(mesh)), XpbdOptions().substep_count
+    for modulus in 10.0 ** np.arange(5.0, 12.0, 0.5):
+        xpbd.set_material(Material(young_modulus=modulus))
+        count = xpbd.substeps_that_hold()
+        fewer, held = (xpbd.held_young_modulus(n) / modulus for n in (count - COUNT_STEP, count))
+        assert count == least or fewer < HELD_SHARE
+        counts[count] = held
+    *cheaper, most = counts
+    assert cheaper == sorted(cheaper) and most > cheaper[-1] > cheaper[0] == least
+    assert min(counts[count] for count in cheaper) > HELD_SHARE > counts[most]
+    xpbd.set_pinned(np.ones(mesh.vertex_count, bool))
+    assert xpbd.substeps_that_hold() == least
 
 
 def test_a_softer_material_sags_more(device):

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from deformrf.core.deform import PRESETS, SOFTENED_BELOW, Material
+from deformrf.core.deform import HELD_SHARE, PRESETS, Material
+from deformrf.viewer.times import FrameTimes
 
 pytestmark = pytest.mark.gl
 
@@ -22,7 +23,9 @@ class Panel:
             body=SimpleNamespace(
                 material=Material(),
                 set_material=self.set_material,
-                stiffness=(1.0, 5e5),
+                stiffness=(1e6, 24),
+                automatic_substeps=True,
+                set_automatic_substeps=self.called("automatic"),
                 gravity=0.0,
                 air_drag=0.0,
                 meters=1.0,
@@ -47,6 +50,7 @@ class Panel:
             held=True,
             handles=SimpleNamespace(grabbed=None, hover=None, selected=[]),
         )
+        self.times = FrameTimes()
         self.gui = Gui(window)
         self.boxes, self.calls, self.dim = {}, [], []
         monkeypatch.setattr(imgui, "combo", self.combo)
@@ -79,7 +83,7 @@ class Panel:
 
         self.gui.begin()
         imgui.begin("panel")
-        deform_panel(SimpleNamespace(scene=self.scene))
+        deform_panel(SimpleNamespace(scene=self.scene, times=self.times))
         imgui.end()
         self.gui.end()
 
@@ -110,14 +114,18 @@ def test_a_material_that_was_changed_is_custom_and_choosing_that_changes_nothing
     assert panel.scene.body.material.damping == 1.0
 
 
-def test_it_is_said_when_the_solver_softens_the_material(panel):
-    panel.scene.body.stiffness = 1.01 * SOFTENED_BELOW, 2e5
+def test_it_is_said_what_is_held_and_why_not_all(panel):
+    body = panel.scene.body
+    body.material = Material(young_modulus=1e8)
+    body.stiffness = 1.01e8 * HELD_SHARE, 48
     panel.frame()
-    assert panel.texts == []
-    panel.scene.body.stiffness = 0.99 * SOFTENED_BELOW, 1.5e5
+    assert panel.texts == [] and {"0.0 of 16.7 ms", "holds 100 MPa"} <= {*panel.dim}
+    body.stiffness = 6.02e7, 48
     panel.frame()
-    assert panel.texts == ["softened: take more substeps"]
-    assert f"r = {0.99 * SOFTENED_BELOW:.2g}, holds 150 kPa" in panel.dim
+    assert panel.texts == ["holds 60 MPa of 100 MPa: more are too slow"]
+    body.automatic_substeps = False
+    panel.frame()
+    assert panel.texts[1:] == ["holds 60 MPa of 100 MPa: take more substeps"]
 
 
 def test_it_is_said_which_poisson_ratio_is_held(panel):
@@ -140,7 +148,12 @@ def test_a_rescue_and_its_failure_are_said(panel):
 def test_boxes_switch_what_surrounds_the_object(panel):
     from deformrf.viewer.scene import EARTH
 
-    for label, call in (("gravity", EARTH), ("ground", True), ("held", False)):
+    for label, call in (
+        ("gravity", EARTH),
+        ("ground", True),
+        ("held", False),
+        ("automatic", False),
+    ):
         panel.boxes[label] = True
         panel.frame()
         assert panel.calls.pop() == ({"held": "hold"}.get(label, label), call)
@@ -151,7 +164,9 @@ def test_boxes_switch_what_surrounds_the_object(panel):
     assert panel.scene.settings.soft_grab
 
 
-@pytest.mark.parametrize("value, text", [(500.0, "500 "), (5e5, "500 k"), (2.5e9, "2.5 G")])
+@pytest.mark.parametrize(
+    "value, text", [(500.0, "500 "), (5e5, "500 k"), (999.7e3, "1 M"), (2.5e9, "2.5 G")]
+)
 def test_large_numbers_have_prefixes(value, text):
     from deformrf.viewer.panels.deform import si
 

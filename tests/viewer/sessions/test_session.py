@@ -107,6 +107,7 @@ class RandomHand:
             lambda: scene.body.set_material(young_modulus=float(10.0 ** random.uniform(4, 7))),
             lambda: scene.body.set_material(yield_strain=float(random.choice([0.05, np.inf]))),
             lambda: scene.body.set_options(substep_count=int(random.integers(5, 30))),
+            lambda: scene.body.set_automatic_substeps(bool(random.integers(2))),
             lambda: scene.body.set_meters(float(random.uniform(0.2, 3.0))),
             lambda: scene.set_gravity(float(random.choice([0.0, 9.81]))),
             lambda: scene.set_ground(bool(random.integers(2))),
@@ -261,6 +262,7 @@ DAMAGE = {
     "another mesh of long numbers": lambda lines: lines[0].update(rest="0", tets=[0] * 10**6),
     "a camera beyond": lambda lines: lines.append([99, "view", {"distance": 1e9}]),
 }
+TEN = '"substep_count": 10'
 BALL = {"point": [0, 0, 0], "towards_eye": [0, 0, 1], "radius": 0.1}
 GRAB = {"vertex": 1, "radius": 0.1, "soft": False}
 
@@ -294,8 +296,33 @@ def test_a_session_of_another_material_starts_with_it(ball, scene, tmp_path):
     assert other.journal.events == [] and not other.moving
 
 
+def test_substeps_follow_the_material_and_are_recorded(ball, scene, tmp_path):
+    """A session plays with the numbers that it has, whatever this version would choose."""
+    start, options = start_of(scene), lambda of: of.solver.options.substep_count
+    default = options(scene)
+    scene.body.set_material(young_modulus=1e8)
+    scene.advance(1 / 60)
+    assert options(scene) == scene.solver.substeps_that_hold() > default
+    assert [step.label for step in scene.journal.steps] == ["stiffness"]
+    path = save_session(scene, start, tmp_path / "s.jsonl")
+    path.write_text(path.read_text().replace(f'"substep_count": {options(scene)}', TEN))
+    session = load_session(path, ball)
+    Player(other := Scene(ball, "ball", "cpu"), session).play_to(session.ticks)
+    assert options(other) == 10 and other.body.automatic_substeps
+
+    scene.undo()
+    scene.advance(1 / 60)
+    assert options(scene) == default
+    scene.body.set_options(substep_count=12)
+    scene.advance(1 / 60)
+    assert options(scene) == 12
+    scene.body.set_automatic_substeps(True)
+    scene.advance(1 / 60)
+    assert options(scene) == default
+
+
 def test_a_session_that_names_no_integrator_keeps_the_first(ball, scene, lines, tmp_path):
-    del lines[0]["start"]["integrator"]
+    del lines[0]["start"]["integrator"], lines[0]["start"]["automatic_substeps"]
     path, own = tmp_path / "s.jsonl", scene.solver.options.integrator
     path.write_text("\n".join(map(json.dumps, lines)))
     session = load_session(path, ball)
@@ -304,6 +331,7 @@ def test_a_session_that_names_no_integrator_keeps_the_first(ball, scene, lines, 
     other.undo()
     other.reset()
     again = load_session(save_session(other, session.header["start"], path), ball)
+    assert not (other.body.automatic_substeps or again.header["start"]["automatic_substeps"])
     for kept in (other.solver.options.integrator, again.header["start"]["integrator"]):
         assert kept == "euler" != own
     begin_anew(other)
