@@ -6,6 +6,7 @@ soft and a stiff body give way alike.
 Units: SI.  Shapes: V vertices.
 """
 
+import math
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,8 @@ from contact_scenes import box, joined
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from finite_elements import Solid, quadratic
+from scipy import sparse
+from scipy.sparse.linalg import eigsh
 
 from deformrf.core import field as fields
 from deformrf.core.base.paths import BUNDLED
@@ -30,7 +33,9 @@ from deformrf.wings.lab.dynamics.measure import (
     response,
     standing,
 )
+from deformrf.wings.lab.dynamics.references import free_dofs
 
+MODES = 6  # those nearest to a frequency; the solver's own modes are mixtures of them
 AWAKE = {"sleep_motion": 0.0, "rescue": False}  # what a reference doesn't do
 CELL, SHEET_LENGTH, SHEET_WIDTH, SLACK = 1 / 12, 8, 4, 1e-9  # m, cells, cells, m
 CUBE, CUBE_CELLS, GAP = 0.2, 4, 1e-3  # m; the gap is that between cubes before they fall
@@ -73,7 +78,9 @@ def make_solver(body: HeldMesh, material, substep_count, device, **options) -> X
 
 def default_count(body: HeldMesh, material) -> int:
     """The substeps that the program takes for a body of this material."""
-    return XpbdOptions().substep_count
+    solver = XpbdSolver(body.rest, body.tets, material, body.held)
+    follows = getattr(solver, "substeps_that_hold", None)  # older programs take one number for all
+    return follows() if follows else solver.options.substep_count
 
 
 def load(body, scene, direction, share, material=None, contact=True) -> Load:
@@ -148,3 +155,21 @@ def quadratic_sag(body: Beam, material, gravity):
     lame = material.bulk_modulus + material.shear_modulus
     solid = Solid(mesh, lame, material.shear_modulus, material.density)
     return solid.sag(gravity)[: len(rest)]
+
+
+def modes(body, energy, frequency):
+    """The modes nearest to a frequency [Hz], it first: ω [MODES] 1/s, shapes [MODES, V, 3].
+
+    Shapes have mass 1: Σ m |shape|² = 1.
+    """
+    dofs = free_dofs(body.held)
+    roots = 1.0 / np.sqrt(np.repeat(energy.masses, 3)[dofs])
+    scale = sparse.diags_array(roots)
+    matrix = (scale @ energy.hessian(body.rest)[dofs][:, dofs] @ scale).tocsc()
+    start = np.random.default_rng(0).normal(size=len(dofs))
+    squares, vectors = eigsh(matrix, MODES, sigma=(2.0 * math.pi * frequency) ** 2, v0=start)
+    omegas = np.sqrt(squares)
+    order = np.argsort(np.abs(omegas - 2.0 * math.pi * frequency))
+    shapes = np.zeros((MODES, body.rest.size))
+    shapes[:, dofs] = (roots[:, None] * vectors[:, order]).T
+    return omegas[order], shapes.reshape(MODES, -1, 3)
