@@ -41,8 +41,7 @@ def play(app, session: Session, said: str = "") -> bool:
     try:
         with unless_it_fails(scene):
             begin_anew(scene)
-            usual = start_of(scene)
-            start = usual | session.header["start"]
+            start = start_of(scene) | session.header["start"]
             _play(app, Player(scene, session))
     except _Stopped:
         app.recorder.say("the session was stopped: all is as it was before")
@@ -61,10 +60,7 @@ def play(app, session: Session, said: str = "") -> bool:
         sentences += app.autosave.write()
         if not before.kept:
             before.end()
-    integrator = start["integrator"]
-    earlier = f"it plays with the integrator that it was made with ({integrator})"
-    told = said, earlier * (integrator != usual["integrator"])
-    sentences = [*filter(None, told), *sentences]
+    sentences = [*filter(None, [said]), *sentences]
     if sentences:
         app.recorder.say("; ".join(sentences))
     return True

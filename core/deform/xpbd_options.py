@@ -12,7 +12,8 @@ from .colliders import MOST_COLLIDERS, Collider
 TIME_STEP = 1.0 / 60.0  # s; XpbdOptions.substep_count is the number of substeps in it
 LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not more
 # How a substep moves on in time.  Sessions name theirs; those that name none have the first.
-INTEGRATORS = FIRST_INTEGRATOR, DEFAULT_INTEGRATOR = "euler", "extrapolated"
+FIRST_INTEGRATOR = "euler"
+INTEGRATORS = (FIRST_INTEGRATOR,)
 NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infinities
 
 
@@ -55,7 +56,7 @@ class XpbdOptions:
     sleep_motion: float = 1e-5  # object sizes; a frame is still if no vertex moves farther in it
     sleep_frames: int = 30  # the solver sleeps after so many still frames
     rescue: bool = True  # whether parts that stay tangled get their rest shape back (rescue.py)
-    integrator: str = DEFAULT_INTEGRATOR  # one of INTEGRATORS
+    integrator: str = FIRST_INTEGRATOR  # one of INTEGRATORS
 
     def __post_init__(self):
         counts = ("substep_count", "substeps a frame", 1), ("sleep_frames", "frames to sleep", 0)
