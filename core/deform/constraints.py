@@ -30,7 +30,6 @@ from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
 from .locking import volume_shares
 
-SOFTENED_BELOW = 0.66  # r of a constraint at its floor: 0.05 = r − 0.5 − 0.07 / r
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 # A vertex that begins a substep below the ground, because it was held there or the ground came up,
 # leaves it no faster, and without keeping that speed [m/s].

@@ -11,7 +11,6 @@ A part is a connected component of the mesh.
 
 import math
 from bisect import bisect_left
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -33,15 +32,10 @@ from .recovery import Recovery
 from .rest_shape import RestShape
 from .rigid_motion import FreeParts
 from .tangles import Feedback
-from .xpbd_options import TIME_STEP, XpbdOptions
+from .xpbd_options import TIME_STEP, XpbdOptions, automatic_counts
 
 EVERYWHERE = slice(None)
 HELD_SHARE = 0.95  # of E: substeps that hold less soften the material
-# What a substep takes, and each edge of the mesh in it [s]: of the H100's time and that of two CPU
-# cores, the longer.  Measured from 3,000 to 100,000 tets; parts in contact take twice as long.
-SUBSTEP_SECONDS, EDGE_SECONDS = 8e-6, 2.2e-9
-SOLVER_SHARE = 0.25  # of TIME_STEP: the most that substeps_that_hold() takes
-COUNT_STEP = 8  # between numbers of substeps, so that a small change of r keeps the number
 
 
 class XpbdSolver:
@@ -282,45 +276,35 @@ class XpbdSolver:
         awake = self._still_frames < self.options.sleep_frames or len(self._holds.handles) > 0
         return not awake and (not self.options.rescue or self._recovery.may_sleep())
 
-    def stiffness_ratio(self, substep_count: int | None = None) -> float:
+    def stiffness_ratio(self) -> float:
         """The median of r = α/(w h²) over edges that can move; nan if none can.
 
-        Below SOFTENED_BELOW the substeps, not Young's modulus, decide how stiff the
-        object is.
-
-        Args:
-            substep_count: By default that of the options.
+        Below some 0.66 most constraints are at the floor of definition/solver.py: the substeps, not
+        Young's modulus, decide how stiff the object is.
         """
-        count = substep_count or self.options.substep_count
-        options = replace(self.options, substep_count=count)
         w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
         w = self.edges.weights(w)
-        h = self._dt / options.substeps(self._dt)
+        h = self._dt / self.options.substeps(self._dt)
         ratios = self._compliances[0][w > 0] / (w[w > 0] * h * h)
         return float(np.median(ratios)) if len(ratios) else math.nan
 
-    def held_young_modulus(self, substep_count: int | None = None) -> float:
-        """The E of the material that a load meets with so many substeps [Pa].
-
-        Args:
-            substep_count: By default that of the options.
-        """
-        return self.material.young_modulus_at(self.stiffness_ratio(substep_count))
+    def held_young_modulus(self) -> float:
+        """The E of the material that a load meets with these substeps [Pa]."""
+        return self.material.young_modulus_at(self.stiffness_ratio())
 
     def substeps_that_hold(self) -> int:
-        """The number of substeps per 1/60 s with which a load meets HELD_SHARE of E.
+        """The least number of substeps per 1/60 s with which a load meets HELD_SHARE of E.
 
-        It is at least the default, and at most what takes SOLVER_SHARE of the time.  It follows
-        from mesh, masses and material, and is the same on each device.
+        It is one of automatic_counts(), the last if none is enough.  It follows from mesh, masses
+        and material, and is the same on each device.
         """
-        price = SUBSTEP_SECONDS + EDGE_SECONDS * len(self.edges.vertices)
-        least = XpbdOptions.substep_count
-        most = max(int(SOLVER_SHARE * TIME_STEP / price), least)
-        counts = range(least, most + 1, COUNT_STEP)
+        counts = automatic_counts(len(self.edges.vertices))
+        of_one = self.stiffness_ratio() / self.options.substep_count**2  # r grows with n²
+        wanted = HELD_SHARE * self.material.young_modulus
 
         def holds(count):
-            softened = self.held_young_modulus(count) < HELD_SHARE * self.material.young_modulus
-            return not softened  # what can't move isn't: it has no number
+            # What can't move is not softened: its r is nan.
+            return not self.material.young_modulus_at(of_one * count**2) < wanted
 
         return counts[bisect_left(counts[:-1], True, key=holds)]
 

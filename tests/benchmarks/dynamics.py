@@ -252,20 +252,14 @@ def release(setup):
         for sideways in (AXES["x"], -AXES["x"], AXES["y"], -AXES["y"]):
             solver = make_solver(body, Material(), count, setup.device)
             solver.grab(top)
-            for share in np.minimum(
-                1.0, np.arange(1, 91) / 60.0
-            ):  # a second there, half a one held
+            # It takes a second to get there, and is held for half a second.
+            for share in np.minimum(1.0, np.arange(1, 91) / 60.0):
                 solver.move(body.rest[top] + share * bend * sideways)
                 solver.step(TIME_STEP)
             solver.release()
             seconds.append(seconds_to_sleep(solver, LONGEST))
-        yield Row(
-            "release",
-            "mean of four directions",
-            count,
-            float(np.mean(seconds)),
-            "s until it sleeps",
-        )
+        mean = float(np.mean(seconds))
+        yield Row("release", "mean of four directions", count, mean, "s until it sleeps")
 
 
 def top_of(body):
@@ -294,9 +288,8 @@ def moduli(setup, row, name, body, direction):
     for modulus in MODULI[::2] if setup.quick else MODULI:
         material = Material(young_modulus=modulus)
         for count in setup.substeps(body, material):
-            claimed = (
-                make_solver(body, material, count, setup.device).held_young_modulus() / modulus
-            )
+            solver = make_solver(body, material, count, setup.device)
+            claimed = solver.held_young_modulus() / modulus
             case = load(body, "static", direction, SMALL * min(1.0, claimed), material)
             works = [
                 float((case.energy.masses[:, None] * u * case.gravity).sum())

@@ -150,7 +150,7 @@ def test_regularization_has_a_floor():
         edges.regularization(compliances, w, 1e-3),
         compliances * 1e6 - 0.5 * w_of_edge - 0.07 * w_of_edge**2 / (compliances * 1e6),
     )
-    below = constraints.SOFTENED_BELOW
+    below = 0.66  # r at the floor: 0.05 = r − 0.5 − 0.07 / r
     for share, expected in ((below - 0.01, 0.05), (below + 0.04, 0.1), (2.0, 1.465)):
         a = edges.regularization(share * w_of_edge * 1e-6, w, 1e-3)
         np.testing.assert_allclose(a, expected * w_of_edge)
