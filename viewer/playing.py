@@ -41,7 +41,8 @@ def play(app, session: Session, said: str = "") -> bool:
     try:
         with unless_it_fails(scene):
             begin_anew(scene)
-            start = start_of(scene) | session.header["start"]
+            usual = start_of(scene)
+            start = usual | session.header["start"]
             _play(app, Player(scene, session))
     except _Stopped:
         app.recorder.say("the session was stopped: all is as it was before")
@@ -60,7 +61,10 @@ def play(app, session: Session, said: str = "") -> bool:
         sentences += app.autosave.write()
         if not before.kept:
             before.end()
-    sentences = [*filter(None, [said]), *sentences]
+    integrator = start["integrator"]
+    earlier = f"it plays with the integrator that it was made with ({integrator})"
+    told = said, earlier * (integrator != usual["integrator"])
+    sentences = [*filter(None, told), *sentences]
     if sentences:
         app.recorder.say("; ".join(sentences))
     return True

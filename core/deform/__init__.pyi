@@ -23,6 +23,8 @@ from .strain import (
 # For the viewer.
 from .xpbd import HELD_SHARE as HELD_SHARE, kernel_modules as kernel_modules
 
+from .xpbd_options import FIRST_INTEGRATOR as FIRST_INTEGRATOR, INTEGRATORS as INTEGRATORS
+
 # For solvers beside this one, which the lab compares with it.
 from .constraints import (
     edge_constraints as edge_constraints,

@@ -16,6 +16,8 @@ LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not
 SUBSTEP_SECONDS, EDGE_SECONDS = 8e-6, 2.2e-9
 SOLVER_SHARE = 0.25  # of TIME_STEP: the most that substeps take where their number is automatic
 COUNT_STEP = 8  # between such numbers, so that a small change of the material keeps the number
+# How a substep moves on in time.  Sessions name theirs; those that name none have the first.
+INTEGRATORS = FIRST_INTEGRATOR, DEFAULT_INTEGRATOR = "euler", "extrapolated"
 NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infinities
 
 
@@ -58,6 +60,7 @@ class XpbdOptions:
     sleep_motion: float = 1e-5  # object sizes; a frame is still if no vertex moves farther in it
     sleep_frames: int = 30  # the solver sleeps after so many still frames
     rescue: bool = True  # whether parts that stay tangled get their rest shape back (rescue.py)
+    integrator: str = DEFAULT_INTEGRATOR  # one of INTEGRATORS
 
     def __post_init__(self):
         counts = ("substep_count", "substeps a frame", 1), ("sleep_frames", "frames to sleep", 0)
@@ -75,6 +78,9 @@ class XpbdOptions:
         checks.number("sleep motion", self.sleep_motion)
         checks.number("friction", self.friction)
         checks.number("air drag", self.air_drag)
+        if self.integrator not in INTEGRATORS:
+            names = " or ".join(map(repr, INTEGRATORS))
+            raise ValueError(f"there is no integrator {self.integrator!r}; give {names}")
         if len(self.colliders) > MOST_COLLIDERS:
             raise ValueError(f"{len(self.colliders)} colliders; {MOST_COLLIDERS} are the most")
 

@@ -29,6 +29,16 @@ def app(window, ball, monkeypatch, tmp_path):
     made.close()
 
 
+def test_an_earlier_integrator_is_told_of(app, bent):
+    header, *events = bent.read_text().splitlines()
+    bent.write_text("\n".join([header.replace('"extrapolated"', '"euler"'), *events]))
+    for path in (bent, save_session(app.scene, app.session_start, bent.with_name("new.jsonl"))):
+        app.asked = path
+        app.frame(0.0)
+        assert (app.scene.solver.options.integrator == "euler") == (path == bent)
+        assert ("(euler)" in app.recorder.message) == (path == bent), app.recorder.message
+
+
 @pytest.fixture
 def bent(app, tmp_path):
     """The file of a session in which gravity was set."""

@@ -48,7 +48,7 @@ class Player:
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
             scene.solver.set_pinned(scene.pins)
             scene.body.set_scale(start.pop("meters_per_unit"))
-            scene.body.set_options(**{name: start.pop(name) for name in OPTIONS})
+            scene.body.set_options(**{name: start.pop(name) for name in ("integrator", *OPTIONS)})
             scene.body.automatic_substeps = start.pop("automatic_substeps")
             scene.body.set_material(**_infinite(start))
             scene.solver.reset()  # it sleeps, as it did when the session began

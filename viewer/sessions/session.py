@@ -31,6 +31,7 @@ from ...core.base.paths import BUNDLED, program_version, whole_file
 from ...core.base.reading import open_file
 from ...core.base.schema import integer
 from ...core.base.streams import printable, shown
+from ...core.deform import FIRST_INTEGRATOR
 from ...core.field import TetField
 from ..history import EDITS, Event
 from ..scene import Scene  # its methods and those of its objects are the edits
@@ -96,6 +97,7 @@ def start_of(scene: Scene) -> dict:
         "substep_count": options.substep_count,
         "automatic_substeps": body.automatic_substeps,
         "contact": options.contact,
+        "integrator": options.integrator,
         "pins": np.flatnonzero(scene.pins).tolist(),
         "points": scene.handles.points.rows(),
         "floor": scene.floor,
@@ -242,7 +244,8 @@ def _check_header(path, header, mesh):
     if not isinstance(start, dict) or not is_tick(ticks):
         raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
     _check(path, 1, "start", start, mesh.vertex_count)
-    header["start"] = {"automatic_substeps": False} | start  # the first sessions lack it
+    # The first sessions lack these.
+    header["start"] = {"automatic_substeps": False, "integrator": FIRST_INTEGRATOR} | start
 
 
 # -- events ------------------------------------------------------------------------------------

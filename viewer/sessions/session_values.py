@@ -24,7 +24,7 @@ from ...core.base.schema import (
     text,
     vector,
 )
-from ...core.deform import Material
+from ...core.deform import INTEGRATORS, Material
 from ...core.render import MODES
 from ...wings.rig import METHODS, MOST_BONES
 from ..camera import CLOSEST, FARTHEST, Orbit
@@ -41,7 +41,7 @@ MATERIAL = tuple(f.name for f in fields(Material))
 ORBIT = tuple(f.name for f in fields(Orbit))
 OPTIONS = "substep_count", "contact"
 # What a start has besides the material and OPTIONS.
-START = "automatic_substeps meters_per_unit pins points floor stiffness rig".split()
+START = "automatic_substeps integrator meters_per_unit pins points floor stiffness rig".split()
 ANY_NAMES = {"set_material": MATERIAL, "set_options": OPTIONS}
 VIEW = (*ORBIT, *SHOWN)
 LONGEST_CLIP = 86400.0  # s
@@ -88,6 +88,7 @@ ARGUMENTS = {
     **dict.fromkeys(("soft", "pinned", "held", "on", "contact", "pose"), flag),
     "substep_count": integer(1, 1000),
     "automatic_substeps": flag,
+    "integrator": one_of(INTEGRATORS),
     # of a material
     "young_modulus": number(1.0, 1e12),
     "poisson_ratio": number(0.0, 0.4999),

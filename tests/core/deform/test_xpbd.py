@@ -370,6 +370,7 @@ def test_wrong_arguments_are_refused_with_their_values():
         {"speed_limit": -1.0},
         {"speed_limit": float("nan")},
         {"gravity": (0.0, -9.81)},
+        {"integrator": "Euler"},
     ):
         with pytest.raises(ValueError, match="; give"):
             XpbdOptions(**wrong)

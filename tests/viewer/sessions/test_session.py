@@ -244,6 +244,10 @@ DAMAGE = {
     "a flat point": lambda lines: lines.append([99, "move", {"to": [0, 0]}]),
     "too many substeps": lambda lines: lines.append([99, "set_options", {"substep_count": 10**6}]),
     "substeps by chance": lambda lines: lines[0]["start"].update(automatic_substeps="often"),
+    "an unknown integrator": lambda lines: lines[0]["start"].update(integrator="none"),
+    "another integrator later": lambda lines: lines.append(
+        [99, "set_options", {"integrator": "euler"}]
+    ),
     "an option of its own": lambda lines: lines.append([99, "set_options", {"rescue": False}]),
     "no material": lambda lines: lines.append([99, "set_material", {"poisson_ratio": 0.6}]),
     "an unknown mode": lambda lines: lines.append([99, "view", {"mode": "x-ray"}]),
@@ -318,9 +322,9 @@ def test_substeps_follow_the_material_and_are_recorded(ball, scene, tmp_path):
     assert options(scene) == default
 
 
-def test_a_session_made_before_substeps_were_automatic_keeps_its_own(ball, scene, lines, tmp_path):
-    del lines[0]["start"]["automatic_substeps"]
-    path = tmp_path / "s.jsonl"
+def test_a_session_that_names_no_integrator_keeps_the_first(ball, scene, lines, tmp_path):
+    del lines[0]["start"]["integrator"], lines[0]["start"]["automatic_substeps"]
+    path, own = tmp_path / "s.jsonl", scene.solver.options.integrator
     path.write_text("\n".join(map(json.dumps, lines)))
     session = load_session(path, ball)
     Player(other := Scene(ball, "ball", "cpu"), session).play_to(session.ticks)
@@ -329,7 +333,10 @@ def test_a_session_made_before_substeps_were_automatic_keeps_its_own(ball, scene
     other.reset()
     again = load_session(save_session(other, session.header["start"], path), ball)
     assert not (other.body.automatic_substeps or again.header["start"]["automatic_substeps"])
+    for kept in (other.solver.options.integrator, again.header["start"]["integrator"]):
+        assert kept == "euler" != own
     begin_anew(other)
+    assert other.solver.options.integrator == own
     assert other.body.automatic_substeps
 
 
