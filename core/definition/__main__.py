@@ -22,6 +22,7 @@ from .solver import System, edge_constraints, inverse_masses, substep, volume_co
 
 SHEAR, BULK, DENSITY, DAMPING = 1e6 / 2.7, 0.4 / 0.3 * 1e6 / 2.7, 1000.0, 3.0  # E = 1 MPa, ν = 0.35
 SUBSTEPS = 24 * 60  # a second
+THETA, FLOOR = 0.54, 1.25  # of a substep, and of a (solver.py)
 DISTANCE, SLOPE = 2.0, 0.32  # of the eye, in longest sides of the object; of the outermost rays
 
 
@@ -36,10 +37,12 @@ def dragged(field, vertex, offset):
     held = lowest(rest)
     held[vertex] = True
     w = inverse_masses(rest, tets, DENSITY, held)
-    edges = edge_constraints(rest, tets, SHEAR, w, h)
-    volumes = volume_constraints(rest, tets, BULK, w, h)
+    of_a = THETA * h, FLOOR
+    edges = edge_constraints(rest, tets, SHEAR, w, *of_a)
+    volumes = volume_constraints(rest, tets, BULK, w, *of_a)
     fastest = 20.0 * np.ptp(rest, axis=0).max()
-    system = System(w, edges, volumes, h, np.exp(-DAMPING * h), np.zeros(3), fastest)
+    decay = np.exp(-DAMPING * h)
+    system = System(w, edges, volumes, h, decay, np.zeros(3), fastest, theta=THETA)
     x, v, targets = rest, np.zeros_like(rest), rest.copy()
     for step in range(1, 2 * SUBSTEPS + 1):
         out = min(step / SUBSTEPS, 1.0)

@@ -19,6 +19,9 @@ A contact is active while C < 0 and y is behind its triangle and no other (`is_b
 with u_t the part of u along the triangle, e = (−C')⁺, β = 0.4, a depth d and a speed v.  The third
 move is also added to the positions at the substep's start, so that it adds no velocity.
 
+Velocities take what stops them in the same way: λ' = (u_n + λ D − h v_n)⁺ / D in place of λ, where
+u_n and v_n are the parts of u and of the relative velocity along n, and λ > 0.
+
 All contacts are projected from the same positions.  A vertex divides its mass among its active
 contacts in proportion to |g_i|: l_i is the sum of its |g_i| over them.  Its copy in one contact has
 the inverse mass w_i l_i / |g_i|.  The vertex moves by the mean of its copies' moves, weighted by
@@ -44,8 +47,8 @@ class Contacts(NamedTuple):
     speed: float  # v [m/s]
 
 
-def push_apart(contacts: Contacts, x, before, w, h, friction):
-    """Positions now, and at the substep's start, after a projection of all contacts.  2 × [V, 3]"""
+def push_apart(contacts: Contacts, x, before, v, w, h, friction):
+    """Positions now, at the substep's start, and velocities, after a projection.  3 × [V, 3]"""
     ids, s = contacts.vertices, contacts.shares[:, None]
     point = (1.0 - s) * x[ids[:, 0]] + s * x[ids[:, 1]]
     a, b, c = (x[ids[:, i]] for i in (2, 3, 4))
@@ -71,11 +74,19 @@ def push_apart(contacts: Contacts, x, before, w, h, friction):
     held = np.minimum(1.0, friction * push / np.maximum(np.linalg.norm(sliding, axis=1), TINY))
     impulse = per_total[:, None] * (push[:, None] * normal - held[:, None] * sliding)
     shift = per_total[:, None] * out[:, None] * normal
-    x, before = x.copy(), before.copy()
+    u = (g[:, :, None] * v[ids]).sum(axis=1)  # relative velocities; v' is that along n
+    speed = (normal * u).sum(axis=1)
+    stopped = np.where(push > 0.0, np.maximum(approach + push - h * speed, 0.0), 0.0)
+    sliding = u - speed[:, None] * normal
+    ways = h * np.linalg.norm(sliding, axis=1)
+    held = np.minimum(1.0, friction * stopped / np.maximum(ways, TINY))
+    kick = per_total[:, None] * (stopped[:, None] / h * normal - held[:, None] * sliding)
+    x, before, v = x.copy(), before.copy(), v.copy()
     shares = (w[ids] * g)[:, :, None]
+    np.add.at(v, ids, shares * kick[:, None])
     np.add.at(x, ids, shares * (impulse + shift)[:, None])
     np.add.at(before, ids, shares * shift[:, None])
-    return x, before
+    return x, before, v
 
 
 def is_behind(bevels, corners, height, area):

@@ -3,6 +3,7 @@
     x, v      [V, 3]   positions [m], velocities [m/s]
     w         [V]      inverse masses [1/kg]; a vertex of w = 0 is held, or taken along a path
     h, δ               length of a substep [s], damping [1/s]
+    θ                  the share of a substep at which constraints are projected
     μ, K               shear modulus E / (2 (1 + ν)), and Lamé's λ − μ = μ (4ν − 1) / (1 − 2ν), of a
                        solid with Young's modulus E [Pa] and Poisson's ratio ν ≥ ¼
     V0, V_e            rest volume of a tet, and a sixth of the sum of V0 of an edge's tets [m³]
@@ -15,17 +16,24 @@
 Edges alone are, on average over directions, a solid of ν = ¼; volumes raise ν to the material's.
 A substep:
 
-1.  v ← v exp(−δh) + h gravity, |v| ≤ v_max;   x ← x + h v, but to its target where w = 0
+1.  v ← v exp(−δh) + θh gravity, |v| ≤ v_max;   x_θ ← x + θh v, but where w = 0, θ of its way on
 2.  Edges, color after color, then volumes, color after color: no two of a color share a vertex.
 
         Δλ = −C / (Σ w_i |g_i|² + a),   x_i ← x_i + w_i Δλ g_i        (XPBD, Macklin 2016, Eq. 18)
-        a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, 0.05 w̄)
+        a = max(α/(θh)² − ½ w̄ − 0.07 w̄² (θh)²/α, f w̄)
 
     λ starts from 0 in each substep, so it is not kept (Macklin 2019).  A sweep over constraints
-    softens each, to first order like a compliance of ½ w̄ h² more; a subtracts that and a term of
-    second order.  The factor 0.07 and the floor 0.05 were measured: below it, stiff bodies tangle.
-3.  Contacts (contact.py).
-4.  v ← (x − x before the substep) / h
+    softens each, to first order like a compliance of ½ w̄ (θh)² more; a subtracts that and a term
+    of second order.  The factor 0.07 and the floors f were measured: below them, stiff bodies
+    tangle.
+3.  The substep's end is extrapolated from x_θ, with the mean velocity u = (x_θ − x) / (θh) of that
+    share:
+
+        x ← x + h u,   v ← v + (u − v) / θ + (1 − θ) h gravity
+
+    θ = 1 is implicit Euler, whose error in time is of first order in h.  That of θ = ½ would be of
+    second order, and no motion would be damped; but a sweep doesn't solve exactly, and needs some.
+4.  Contacts (contact.py).
 """
 
 from dataclasses import dataclass
@@ -35,8 +43,7 @@ import numpy as np
 
 from .contact import Contacts, push_apart
 
-# What a takes off, and its least, in units of the formula above.
-SWEEP_SOFTENING, SECOND_SOFTENING, COMPLIANCE_FLOOR = 0.5, 0.07, 0.05
+SWEEP_SOFTENING, SECOND_SOFTENING = 0.5, 0.07  # what a takes off, in units of the formula above
 COLLAPSED = 1e-12  # of L; a shorter edge counts as one of length 0
 STEP_LIMIT = 0.5  # of (6 V0)^⅓: how far a volume moves a vertex
 TINY = 1e-200  # in place of a length of 0
@@ -65,26 +72,39 @@ class System:
     gravity: np.ndarray  # [3] m/s²
     speed_limit: float  # v_max [m/s]
     friction: float = 0.0  # Coulomb's coefficient, in contacts
+    theta: float = 1.0  # θ
 
 
 def substep(system: System, x, v, targets, contacts: Contacts | None = None):
     """x and v after a substep.  Vertices of w = 0 are at their targets [V, 3] then."""
-    w, before = system.inverse_masses, x
-    v = system.decay * v + system.substep * system.gravity
-    x = predict(x, v, w, targets, system.substep, system.speed_limit)
+    w, before, h, theta = system.inverse_masses, x, system.substep, system.theta
+    v = limited(system.decay * v + theta * h * system.gravity, system.speed_limit)
+    x = np.where((w > 0)[:, None], x + theta * h * v, x + theta * (targets - x))
     x = project_edges(x, w, system.edges)
     if system.volumes is not None:
         x = project_volumes(x, w, system.volumes)
+    x, v = extrapolated(before, x, v, h, theta, system.gravity)
+    v = np.where((w > 0.0)[:, None], v, (x - before) / h)
     if contacts is not None:
-        x, before = push_apart(contacts, x, before, w, system.substep, system.friction)
-    return x, (x - before) / system.substep
+        x, _, v = push_apart(contacts, x, before, v, w, h, system.friction)
+    return x, v
 
 
-def predict(x, v, w, targets, h, speed_limit):
-    """Positions after h at the velocities v, no faster than the limit."""
+def limited(v, speed_limit):
+    """Velocities no faster than the limit.  [V, 3]"""
     speed = np.linalg.norm(v, axis=1, keepdims=True)
-    v = np.where(speed > speed_limit, speed_limit / np.maximum(speed, TINY), 1.0) * v
-    return np.where((w > 0)[:, None], x + h * v, targets)
+    return np.where(speed > speed_limit, speed_limit / np.maximum(speed, TINY), 1.0) * v
+
+
+def extrapolated(before, x, v, h, theta, gravity):
+    """Positions and velocities at a substep's end, given those x at θ of it.  2 × [V, 3]
+
+    Args:
+        before: Positions at its beginning.  [V, 3]
+        v: Velocities there, and what gravity adds to them until θ.  [V, 3]
+    """
+    mean = (x - before) / (theta * h)
+    return before + h * mean, v + (mean - v) / theta + (1.0 - theta) * h * gravity
 
 
 def project_edges(x, w, edges: Constraints):
@@ -161,28 +181,28 @@ def inverse_masses(rest, tets, density, held):
     return np.divide(1.0, masses, out=np.zeros_like(masses), where=~held & (masses > 0))
 
 
-def edge_constraints(rest, tets, shear_modulus, w, h) -> Constraints:
-    """The edges of all tets, for a material of μ, in substeps of h."""
+def edge_constraints(rest, tets, shear_modulus, w, reach, floor) -> Constraints:
+    """The edges of all tets, for a material of μ; reach is θh."""
     ends = np.sort(tets[:, EDGES].reshape(-1, 2), axis=1)
     ends, edge_of = np.unique(ends, axis=0, return_inverse=True)
     sixths = np.repeat(signed_volumes(rest, tets) / 6.0, 6)
     volumes = np.bincount(edge_of.ravel(), sixths)  # V_e
     lengths = np.linalg.norm(rest[ends[:, 0]] - rest[ends[:, 1]], axis=1)
     compliances = lengths**2 / (15.0 * shear_modulus * volumes)
-    return by_color(ends, lengths, regularization(compliances, w[ends].sum(axis=1), h))
+    return by_color(ends, lengths, regularization(compliances, w[ends].sum(axis=1), reach, floor))
 
 
-def volume_constraints(rest, tets, k, w, h) -> Constraints:
-    """The volumes of all tets, for a material of K > 0, in substeps of h."""
+def volume_constraints(rest, tets, k, w, reach, floor) -> Constraints:
+    """The volumes of all tets, for a material of K > 0; reach is θh."""
     volumes = 6.0 * signed_volumes(rest, tets)
     w_bar = (w[tets] * (volume_gradients(rest, tets) ** 2).sum(-1)).sum(axis=1)
-    return by_color(tets, volumes, regularization(6.0 * volumes / k, w_bar, h))
+    return by_color(tets, volumes, regularization(6.0 * volumes / k, w_bar, reach, floor))
 
 
-def regularization(compliances, w_bar, h):
-    """a of constraints with compliances α and w̄.  [C]"""
-    taken_off = SWEEP_SOFTENING * w_bar + SECOND_SOFTENING * (w_bar * h) ** 2 / compliances
-    return np.maximum(compliances / h**2 - taken_off, COMPLIANCE_FLOOR * w_bar)
+def regularization(compliances, w_bar, reach, floor):
+    """a of constraints with compliances α and w̄; reach is θh.  [C]"""
+    taken_off = SWEEP_SOFTENING * w_bar + SECOND_SOFTENING * (w_bar * reach) ** 2 / compliances
+    return np.maximum(compliances / reach**2 - taken_off, floor * w_bar)
 
 
 def by_color(vertices, rest_values, a) -> Constraints:

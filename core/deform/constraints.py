@@ -1,7 +1,7 @@
 """Edge-length and tet-volume constraints: their vertices, rest values and compliances.
 
 core/definition/solver.py defines constraints, their projection, and the term a that stands there in
-place of α/h².  This module adds
+place of α/(θh)².  This module adds
 
     edge:   α = 1/k_e,  k_e = 15 μ f V_e / L²;  f makes a lattice equally stiff in all directions
             (isotropy.py)
@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..definition.solver import (
-    COMPLIANCE_FLOOR,
     SECOND_SOFTENING,
     SWEEP_SOFTENING,
     volume_gradients,
@@ -58,13 +57,18 @@ class ColoredConstraints:
         """Compliances [C] where Young's modulus is multiplied by factors at the vertices.  [V]"""
         return compliances / factors[self.vertices].mean(axis=1)
 
-    def regularization(self, compliances, inverse_masses, substep):
-        """a = max(α/h² − ½ w̄ − 0.07 w̄² h²/α, 0.05 w̄).  [C]"""
+    def regularization(self, compliances, inverse_masses, reach, floor):
+        """a = max(α/(θh)² − ½ w̄ − 0.07 w̄² (θh)²/α, f w̄).  [C]
+
+        Args:
+            reach: θh [s]
+            floor: f, a number or [C]
+        """
         weights = self.weights(inverse_masses)
-        scaled = np.broadcast_to(compliances, weights.shape) / substep**2
+        scaled = np.broadcast_to(compliances, weights.shape) / reach**2
         with np.errstate(divide="ignore", invalid="ignore"):
             a = scaled - SWEEP_SOFTENING * weights - SECOND_SOFTENING * weights**2 / scaled
-        return np.fmax(a, COMPLIANCE_FLOOR * weights)  # also where both are 0
+        return np.fmax(a, floor * weights)  # also where both are 0
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,11 @@ class VolumeConstraints(ColoredConstraints):
     """Every tet that has a volume."""
 
     shares: np.ndarray  # [T] K_t over the material's K (locking.py)
+
+    @property
+    def sparse(self) -> bool:
+        """Whether only some tets hold the volume."""
+        return not (self.shares > 0.0).all()
 
     def compliances(self, bulk_modulus, of_each=0.0):
         """α = 36 V0 / K_t [m⁵/N]; ∞ for a tet that holds nothing.  [T]

@@ -39,7 +39,7 @@ class InversionGuard:
     def take(self, material: Material | None, factors=None):
         """Take a material, with factors of Young's modulus at the vertices [V]; None: no guard."""
         self._of_all = None
-        if material is None or (self._volumes.shares > 0.0).all() or not material.bulk_modulus > 0:
+        if material is None or not self._volumes.sparse or not material.bulk_modulus > 0:
             return
         each = EACH_HOLDS * material.shear_modulus
         of_all = self._volumes.compliances(material.bulk_modulus, each)
@@ -74,8 +74,13 @@ class InversionGuard:
         before, self.parts = self.parts, (self.parts | (inverted > 0)) & ~ends
         return self._of_all is not None and not np.array_equal(before, self.parts)
 
+    @property
+    def guards(self):
+        """Which tets hold their volume for its sake.  [T] bool"""
+        return self.parts[self._part_of_tets] & (self._of_all is not None)
+
     def guarded(self, compliances):
         """α of all tets to use now, given those of the material [m⁵/N].  [T]"""
         if self._of_all is None or not self.parts.any():
             return compliances
-        return np.where(self.parts[self._part_of_tets], self._of_all, compliances)
+        return np.where(self.guards, self._of_all, compliances)

@@ -32,7 +32,15 @@ from .recovery import Recovery
 from .rest_shape import RestShape
 from .rigid_motion import FreeParts
 from .tangles import Feedback
-from .xpbd_options import TIME_STEP, XpbdOptions, automatic_counts
+from .xpbd_options import (
+    FIRST_INTEGRATOR,
+    INTEGRATORS,
+    STIFF,
+    TIME_STEP,
+    Integrator,
+    XpbdOptions,
+    automatic_counts,
+)
 
 EVERYWHERE = slice(None)
 HELD_SHARE = 0.95  # of E: substeps that hold less soften the material
@@ -288,9 +296,22 @@ class XpbdSolver:
         ratios = self._compliances[0][w > 0] / (w[w > 0] * h * h)
         return float(np.median(ratios)) if len(ratios) else math.nan
 
+    @property
+    def integrator(self) -> Integrator:
+        """How substeps move on, by the stiffness, and by what needs damping to come to rest."""
+        usual, of_stiff, damped = INTEGRATORS[self.options.integrator]
+        if self.options.ground is not None or self.options.colliders or self.rescue.ratio:
+            return damped
+        return of_stiff if self.stiffness_ratio() < STIFF else usual
+
     def held_young_modulus(self) -> float:
         """The E of the material that a load meets with these substeps [Pa]."""
-        return self.material.young_modulus_at(self.stiffness_ratio())
+        return self._held_at(self.stiffness_ratio())
+
+    def _held_at(self, ratio):
+        first = self.options.integrator == FIRST_INTEGRATOR
+        at = self.material.first_young_modulus_at if first else self.material.young_modulus_at
+        return at(ratio)
 
     def substeps_that_hold(self) -> int:
         """The least number of substeps per 1/60 s with which a load meets HELD_SHARE of E.
@@ -304,7 +325,7 @@ class XpbdSolver:
 
         def holds(count):
             # What can't move is not softened: its r is nan.
-            return not self.material.young_modulus_at(of_one * count**2) < wanted
+            return not self._held_at(of_one * count**2) < wanted
 
         return counts[bisect_left(counts[:-1], True, key=holds)]
 
@@ -399,21 +420,26 @@ class XpbdSolver:
     def _prepare(self):
         """Update the lists and coefficients that follow from all settings."""
         self._stale = False
-        timing = self.options.timing(self._dt, self.material.damping, self.object_size)
+        integrator = self.integrator
+        of_material = self.material.damping, self.object_size, integrator.theta
+        timing = self.options.timing(self._dt, *of_material)
         self._timing.assign(timing)
-        w, h = self._holds.inverse_masses, timing.substep
+        w, reach = self._holds.inverse_masses, timing.reach
         movable = (self._holds.free_inverse_masses > 0) & ~self.pinned
         movable &= self._active[self._part_of]
         of_edges, of_volumes = self._compliances
         of_constraints = of_edges, self._guard.guarded(of_volumes)
-        for one, compliances in zip(self._lists, of_constraints, strict=True):
+        sparse = integrator.sparse_floor if self.volumes.sparse else integrator.floor
+        floors = integrator.floor, np.where(self._guard.guards, integrator.floor, sparse)
+        for one, compliances, floor in zip(self._lists, of_constraints, floors, strict=True):
             whole = self.rescue.ratio is not None or compliances is None
             one.select(movable, True if whole else np.isfinite(compliances))
             if self.rescue.ratio is not None:
                 one.set_regularization(self.rescue.ratio * one.constraints.weights(w))
             elif compliances is not None:
-                one.set_regularization(one.constraints.regularization(compliances, w, h))
-        self._holds.prepare_springs(h)
+                values = one.constraints.regularization(compliances, w, reach, floor)
+                one.set_regularization(values)
+        self._holds.prepare_springs(reach)
         self._rest_shape.prepare(self.material.yield_strain)
         held = np.bincount(self._part_of, self._holds.held)
         free = self._active & (held == 0) & (self.material.damping > 0.0)

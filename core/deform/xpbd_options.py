@@ -16,9 +16,29 @@ LONGEST_STEPS = 6  # of TIME_STEP; in a longer step the substeps are longer, not
 SUBSTEP_SECONDS, EDGE_SECONDS = 8e-6, 2.2e-9
 SOLVER_SHARE = 0.25  # of TIME_STEP: the most that substeps take where their number is automatic
 COUNT_STEP = 8  # between such numbers, so that a small change of the material keeps the number
-# How a substep moves on in time.  Sessions name theirs; those that name none have the first.
-INTEGRATORS = FIRST_INTEGRATOR, DEFAULT_INTEGRATOR = "euler", "extrapolated"
 NO_GROUND = -3e38  # below every vertex; finite: fast arithmetic may ignore infinities
+
+
+class Integrator(NamedTuple):
+    """How a substep moves on in time (definition/solver.py)."""
+
+    theta: float  # at which share of it constraints are projected
+    floor: float  # the least a/w̄
+    sparse_floor: float  # the same of volumes where only few tets hold theirs (locking.py)
+
+
+_EULER, _SECOND_ORDER = Integrator(1.0, 0.05, 0.05), Integrator(0.54, 1.25, 0.6)
+_DAMPED = Integrator(0.8, 0.4, 0.1)
+STIFF = 0.66  # a lower r = α/(w h²) of the median edge
+# Those for materials that substeps hold, for stiffer ones, and for what needs Euler's damping:
+# the rescue, and what may come to rest on a ground or a collider.  With smaller floors or θ some
+# motion grows (docs/design/002-dynamics.md).
+# Sessions name theirs; those that name none have the first.
+INTEGRATORS = {
+    "euler": (_EULER, _EULER, _EULER),
+    "extrapolated": (_SECOND_ORDER, _DAMPED, _EULER),
+}
+FIRST_INTEGRATOR, DEFAULT_INTEGRATOR = INTEGRATORS
 
 
 class Timing(NamedTuple):
@@ -36,6 +56,12 @@ class Timing(NamedTuple):
     gust_x: float = 0.0  # (1 - air) times the wind's velocity [m/s]
     gust_y: float = 0.0
     gust_z: float = 0.0
+    theta: float = 1.0  # of the Integrator
+
+    @property
+    def reach(self) -> float:
+        """θh [s], for which constraints are projected."""
+        return self.theta * self.substep
 
 
 @dataclass(frozen=True)
@@ -98,8 +124,8 @@ class XpbdOptions:
         count = round(dt / TIME_STEP * self.substep_count)
         return min(max(count, 1), LONGEST_STEPS * self.substep_count)
 
-    def timing(self, dt: float, damping: float, object_size: float) -> Timing:
-        """The kernels' numbers for steps of dt [s]; damping [1/s], object_size [m]."""
+    def timing(self, dt: float, damping: float, object_size: float, theta=1.0) -> Timing:
+        """The kernels' numbers for steps of dt [s]; damping [1/s], object_size [m], θ."""
         h = dt / self.substeps(dt)
         air = math.exp(-self.air_drag * h)
         return Timing(
@@ -111,6 +137,7 @@ class XpbdOptions:
             self.friction,
             air,
             *((1.0 - air) * np.asarray(self.wind)),
+            theta,
         )
 
 

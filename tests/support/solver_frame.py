@@ -11,7 +11,8 @@ from deformrf.core.definition.contact import Contacts, push_apart
 from deformrf.core.definition.solver import (
     TINY,
     Constraints,
-    predict,
+    extrapolated,
+    limited,
     project_edges,
     project_volumes,
 )
@@ -52,6 +53,33 @@ def defined(constraints, regularization) -> Constraints:
     return Constraints(*of_both, regularization, constraints.offsets)
 
 
+def settings_of(solver, dt, w=None):
+    """What follows for a frame of dt [s] from a solver's settings: arguments of Frame.
+
+    Args:
+        w: Inverse masses in place of the solver's.  [V]
+    """
+    material, options, integrator = solver.material, solver.options, solver.integrator
+    w = solver._holds.inverse_masses if w is None else w
+    timing = options.timing(dt, material.damping, solver.object_size, integrator.theta)
+    sparse = integrator.sparse_floor if solver.volumes.sparse else integrator.floor
+    of_edges, of_volumes = material.compliances(solver.edges, solver.volumes)
+    a_of = {"inverse_masses": w, "reach": timing.reach}
+    settings = {
+        "timing": timing,
+        "substep_count": options.substeps(dt),
+        "inverse_masses": w,
+        "edges": solver.edges,
+        "edge_regularization": solver.edges.regularization(
+            of_edges, floor=integrator.floor, **a_of
+        ),
+    }
+    if of_volumes is not None:
+        a = solver.volumes.regularization(of_volumes, floor=sparse, **a_of)
+        settings |= {"volumes": solver.volumes, "volume_regularization": a}
+    return settings
+
+
 def step(frame: Frame, vertices, velocities):
     """Positions and velocities after one frame.  2 × [V, 3]"""
     x, v, w, timing = vertices, velocities, frame.inverse_masses, frame.timing
@@ -63,20 +91,32 @@ def step(frame: Frame, vertices, velocities):
         v = _damped(frame, x, v)
     for substep in range(frame.substep_count):
         fraction, before = (substep + 1) / frame.substep_count, x
-        path = vertices + fraction * (frame.targets - vertices)
-        x = predict(x, _driven(frame, v), w, path, timing.substep, timing.speed_limit)
+        share = (substep + timing.theta) / frame.substep_count
+        path = vertices + share * (frame.targets - vertices)
+        v = limited(_driven(frame, v), timing.speed_limit)
+        x = np.where((w > 0)[:, None], x + timing.reach * v, path)
         x = project_edges(x, w, edges)
         if volumes is not None:
             x = project_volumes(x, w, volumes)
         if frame.springs is not None:
-            x = _pulled(frame, x, fraction)
+            x = _pulled(frame, x, share)
+        late_fall = timing.air * gravity(timing)
+        x, v = extrapolated(before, x, v, timing.substep, timing.theta, late_fall)
+        v = np.where((w > 0.0)[:, None], v, (x - before) / timing.substep)
         if frame.contacts is not None:
-            x, before = push_apart(frame.contacts, x, before, w, timing.substep, timing.friction)
+            of_substep = w, timing.substep, timing.friction
+            x, before, v = push_apart(frame.contacts, x, before, v, *of_substep)
+        if timing.theta < 1.0:
+            continue  # there is neither a ground nor a collider
         x, before, presses = _above_ground(frame, x, before, presses)
         for row in frame.colliders:
             x = _outside(frame, row, x, before, fraction)
         v = (x - before) / timing.substep
     return x, v
+
+
+def gravity(timing):
+    return np.array([timing.gravity_x, timing.gravity_y, timing.gravity_z])
 
 
 def _damped(frame, x, v):
@@ -106,8 +146,7 @@ def _driven(frame, v):
     timing, decay = frame.timing, frame.timing.decay
     if frame.free_parts is not None:
         decay = np.where(frame.free_parts >= 0, 1.0, decay)[:, None]
-    gravity = np.array([timing.gravity_x, timing.gravity_y, timing.gravity_z])
-    v = decay * v + timing.substep * gravity
+    v = decay * v + timing.reach * gravity(timing)
     return timing.air * v + np.array([timing.gust_x, timing.gust_y, timing.gust_z])
 
 

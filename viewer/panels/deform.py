@@ -24,8 +24,7 @@ WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
 CUSTOM = "custom"  # the name of a material that is none of these
 PRICE = "what they took of each 60th of a second when the object moved last"
-HOLDS = """about the stiffness (Young's modulus) that the object has with these substeps;
-where it is less than asked for, the object may be up to 1.6 times softer than this"""
+HOLDS = "about the stiffness (Young's modulus) that the object has with these substeps"
 SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
 AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time"
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"

@@ -12,8 +12,8 @@ const int contact_count = has_contacts ? frame.contacts.counts.data[0] : 0;
 const int touched_count = has_contacts ? frame.contacts.counts.data[1] : 0;
 constexpr float load_unit = @CONTACT_LOAD_UNIT;
 float* const contact_results = frame.contacts.results.data;
-// An impulse, a distance, a shift, and five weights; rows of four floats.
-enum { IMPULSE = 0, HEIGHT = 3, SHIFT = 4, WEIGHT = 8, RESULTS = 16 };
+// An impulse, a distance, a shift, five weights, and what is added to velocities.
+enum { IMPULSE = 0, HEIGHT = 3, SHIFT = 4, WEIGHT = 8, KICK = 13, RESULTS = 16 };
 
 auto contact_vertex = [&](int k, int j) { return frame.contacts.vertices.data[5 * k + j]; };
 
@@ -74,6 +74,7 @@ auto push_contact = [&](int k, int substep) {
     const float part = per_count * substep;
     float total = 0.0f;
     Vector u = {0.0f, 0.0f, 0.0f, 0.0f};  // the relative motion since the substep's start
+    Vector v = u;  // and the relative velocity, where substeps extrapolate
     for (int j = 0; j < 5; ++j) {
         const int i = contact_vertex(k, j);
         const Vector now = body_of(i);
@@ -81,12 +82,14 @@ auto push_contact = [&](int k, int substep) {
         Vector from = now;
         if (now.w > 0.0f) {
             from = before(i);
+            if (extrapolates) v = plus(v, weight, velocity_of(i));
             const float load = seen(frame.contacts.loads.data + i) / load_unit;
             total += now.w * (weight < 0.0f ? -weight : weight) * load;
         } else {
             from.x = part * (target[3 * i] - x[3 * i]);
             from.y = part * (target[3 * i + 1] - x[3 * i + 1]);
             from.z = part * (target[3 * i + 2] - x[3 * i + 2]);
+            if (extrapolates) v = plus(v, weight * per_h, plus(now, -1.0f, from));
         }
         u = plus(u, weight, plus(now, -1.0f, from));
     }
@@ -114,6 +117,18 @@ auto push_contact = [&](int k, int substep) {
     result[SHIFT] = per_total * out * nx;
     result[SHIFT + 1] = per_total * out * ny;
     result[SHIFT + 2] = per_total * out * nz;
+    if (!extrapolates) return;
+    const float speed = nx * v.x + ny * v.y + nz * v.z;
+    const Vector n = {nx, ny, nz, 0.0f}, across = plus(v, -speed, n);
+    const float change = push > 0.0f ? along + push - h * speed : 0.0f;
+    const float stopped = change > 0.0f ? change : 0.0f;
+    const float way = h * sqrt(across.x * across.x + across.y * across.y + across.z * across.z);
+    const float resisted = timing[7] * stopped;
+    const float taken = way > resisted ? resisted / way : 1.0f;
+    const Vector kick = plus(times(per_h * stopped, n), -taken, across);
+    result[KICK] = per_total * kick.x;
+    result[KICK + 1] = per_total * kick.y;
+    result[KICK + 2] = per_total * kick.z;
 };
 
 // What all its contacts do to a vertex, by this lane of those that share it.
@@ -121,7 +136,7 @@ auto take_contacts = [&](int place, int lane, int lane_count) {
     const int i = frame.contacts.touched.data[place];
     const int last = frame.contacts.offsets.data[i + 1];
     Vector d = body_of(i);
-    Vector moved = {0.0f, 0.0f, 0.0f, 0.0f}, shifted = moved;
+    Vector moved = {0.0f, 0.0f, 0.0f, 0.0f}, shifted = moved, kicked = moved;
     for (int e = frame.contacts.offsets.data[i] + lane; e < last; e += lane_count) {
         const int entry = frame.contacts.entries.data[e];
         const float* const result = contact_results + RESULTS * (entry >> 3);
@@ -130,13 +145,20 @@ auto take_contacts = [&](int place, int lane, int lane_count) {
         if (!(impulse.w < 0.0f)) continue;  // HEIGHT
         moved = plus(moved, weight, impulse);
         shifted = plus(shifted, weight, shift);
+        if (extrapolates) {
+            const float* const kick = result + KICK;
+            const Vector one = {seen(kick), seen(kick + 1), seen(kick + 2), 0.0f};
+            kicked = plus(kicked, weight, one);
+        }
     }
     moved = summed(moved);
     shifted = summed(shifted);
+    if (extrapolates) kicked = summed(kicked);
     if (lane > 0) return;
     frame.contacts.loads.data[i] = 0;  // for the next substep
     if (!(d.w > 0.0f)) return;
     shifted = times(d.w, shifted);
     keep_before(i, plus(before(i), 1.0f, shifted));
     put_body(i, plus(plus(d, d.w, moved), 1.0f, shifted));
+    if (extrapolates) put_velocity(i, plus(velocity_of(i), d.w, kicked));
 };

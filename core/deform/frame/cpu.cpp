@@ -28,8 +28,11 @@ auto cosine = [](float half_turns) { return cos(half_turns * 3.1415927f); };
 auto sine = [](float half_turns) { return sin(half_turns * 3.1415927f); };
 f4* const bodies = reinterpret_cast<f4*>(scratch.bodies.data);
 f4* const previous = reinterpret_cast<f4*>(scratch.previous.data);
-#include "substep.h"
+f4* const momentary = reinterpret_cast<f4*>(scratch.velocities.data);
 const int* const slots = scratch.slots.data;
+auto velocity_of = [&](int i) { return momentary[slots[i]]; };
+auto put_velocity = [&](int i, f4 v) { momentary[slots[i]] = v; };
+#include "substep.h"
 auto body_of = [&](int i) { return bodies[slots[i]]; };
 auto put_body = [&](int i, f4 d) { bodies[slots[i]] = d; };
 auto before = [&](int i) { return previous[slots[i]]; };
@@ -217,8 +220,10 @@ for (int substep = 0; substep < substep_count; ++substep) {
     if (has_volumes) project_all(frame.volumes, project_tets);
     if (has_contacts) {
         if (in_halves) meet();  // contacts join any vertices
-        if (has_springs) {
-            each_vertex([&](int i, int slot) { pull(i, substep, bodies[slot]); });
+        if (has_springs || extrapolates) {
+            each_vertex([&](int i, int slot) {
+                before_contacts(i, substep, bodies[slot], previous[slot]);
+            });
             meet();
         }
         const int first = part(0, contact_count, thread), last = part(0, contact_count, thread + 1);

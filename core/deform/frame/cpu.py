@@ -35,6 +35,7 @@ class CpuScratch:
 
     bodies: wp.array(dtype=wp.vec4)  # [V + 1] deltas and inverse masses, by slot
     previous: wp.array(dtype=wp.vec4)  # [V] what is kept of them in a substep, by slot
+    velocities: wp.array(dtype=wp.vec4)  # [V] in a substep that extrapolates, by slot
     slots: wp.array(dtype=int)  # [V + 1] of vertices
     order: wp.array(dtype=int)  # [V] the vertex in each slot
     halves: wp.array(dtype=int)  # [5] Halves.starts; 0 if there are none
@@ -59,6 +60,7 @@ class CpuFrame:
             "cpu",
             bodies=vertex_count + 1,
             previous=vertex_count,
+            velocities=vertex_count,
             slots=vertex_count + 1,
             order=vertex_count,
             halves=5,

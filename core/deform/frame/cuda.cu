@@ -34,6 +34,18 @@ auto plus = [](float4 a, float s, float4 b) {
 auto times = [](float s, float4 a) { return make_float4(s * a.x, s * a.y, s * a.z, a.w); };
 auto cosine = [](float half_turns) { return cospif(half_turns); };
 auto sine = [](float half_turns) { return sinpif(half_turns); };
+float* const momentary = reinterpret_cast<float*>(frame.state.velocities.data);
+auto velocity_of = [&](int i) {
+    const float* const v = momentary + 3 * i;
+#if @GRID
+    return make_float4(__ldcg(v), __ldcg(v + 1), __ldcg(v + 2), 0.0f);
+#else
+    return make_float4(v[0], v[1], v[2], 0.0f);
+#endif
+};
+auto put_velocity = [&](int i, float4 v) {
+    momentary[3 * i] = v.x; momentary[3 * i + 1] = v.y; momentary[3 * i + 2] = v.z;
+};
 #include "substep.h"
 
 // -- where positions are, and how threads wait for each other ---------------------------------
@@ -327,10 +339,10 @@ for (int substep = 0; substep < substep_count; ++substep) {
         if (c + 1 < color_count) pass(odd, even, c + 1);
     }
     if (has_contacts) {
-        if (has_springs) {
-            each_vertex([&](auto, int i, int slot, float4&) {
+        if (has_springs || extrapolates) {
+            each_vertex([&](auto, int i, int slot, float4& kept) {
                 float4 d = get(slot);
-                pull(i, substep, d);
+                before_contacts(i, substep, d, kept);
                 put(slot, d);
             });
             arrive();

@@ -13,16 +13,24 @@
 //   per_root(a, b)            a / sqrt(b), of floats
 //   shortfall(squared, rest, total)   (rest - |u|) / (|u| total), where squared = |u|^2
 //   cosine(t), sine(t)        of t half turns
+//   velocity_of(i), put_velocity(i, v)   a Vector: the velocity of vertex i in a substep
 //   plus(a, s, b), times(s, a)        a + s b and s a in x, y, z, of Vectors
 //
 // Constants of the frame, and pointers to the vertices' arrays.
 const float* const timing = frame.timing.data;  // xpbd_options.Timing
 const float h = timing[0], per_h = 1.0f / h, decay = timing[1], limit = timing[2];
-const Vector fall = {h * timing[3], h * timing[4], h * timing[5], 0.0f};
+// Constraints are projected at this share of a substep, and what they do is extrapolated to its end.
+const float theta = timing[12], per_theta = 1.0f / theta, reach = theta * h;
+const bool extrapolates = theta < 1.0f;
+const Vector fall = {reach * timing[3], reach * timing[4], reach * timing[5], 0.0f};
 const float air = timing[8];  // what it leaves of velocities
 const bool has_air = air < 1.0f;
 const float per_count = 1.0f / substep_count;
 const Vector gust = {timing[9], timing[10], timing[11], 0.0f};
+// What gravity adds to a velocity in the rest of a substep.
+const float rest_of_fall = air * (1.0f - theta) * h;
+const Vector late_fall = {rest_of_fall * timing[3], rest_of_fall * timing[4],
+                          rest_of_fall * timing[5], 0.0f};
 const int vertex_count = frame.state.vertices.shape[0];
 float* const x = reinterpret_cast<float*>(frame.state.vertices.data);
 float* const velocity = reinterpret_cast<float*>(frame.state.velocities.data);
@@ -119,14 +127,16 @@ const bool only_move = !(has_springs || has_ground || has_free || collider_count
 // A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.  What
 // is kept of a vertex from here to the substep's end is its delta now, or its way in this frame.
 auto predict = [&](auto moving, int i, int substep, Vector d, Vector v, Vector& kept) {
-    if (!(d.w > 0.0f)) return plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + 1), kept);
+    if (!(d.w > 0.0f))
+        return plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + theta), kept);
     kept = d;
     // Free parts are damped once a frame (rigid_motion.py).
     v = plus(fall, !moving && has_free && frame.state.free.data[i] ? 1.0f : decay, v);
     if (has_air) v = plus(gust, air, v);
     const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
     if (squared > limit * limit) v = times(limit / sqrt(squared), v);
-    return plus(d, h, v);
+    if (extrapolates) put_velocity(i, v);
+    return plus(d, reach, v);
 };
 auto first_prediction = [&](auto moving, int i, Vector& kept) {
     const float* const d = rest_delta + 3 * i;
@@ -177,7 +187,7 @@ auto leave_collider = [&](int i, int c, int substep, Vector& d, Vector from) {
 // The spring of vertex i.
 auto pull = [&](int i, int substep, Vector& d) {
     if (d.w > 0.0f && frame.state.springs.data[i][0] >= 0.0f) {
-        const float share = per_count * (substep + 1);
+        const float share = per_count * (substep + theta);
         auto to_goal = [&](int j, float delta) {
             const float way = target[3 * i + j] - anchor[3 * i + j];
             return ((anchor[3 * i + j] - x[3 * i + j]) + share * way) - delta;
@@ -192,10 +202,29 @@ auto pull = [&](int i, int substep, Vector& d) {
     }
 };
 
+// The projections of a substep are done: moves vertex i on to its end, and returns its velocity.
+auto extrapolate = [&](int i, Vector& d, Vector from) {
+    const Vector way = plus(d, -1.0f, from);
+    const Vector v = plus(late_fall, 1.0f - per_theta, velocity_of(i));
+    d = Vector{from.x + per_theta * way.x, from.y + per_theta * way.y,
+               from.z + per_theta * way.z, d.w};
+    return plus(v, per_theta * per_theta * per_h, way);
+};
+
+// Contacts follow: the spring of vertex i, and where it is at the substep's end without them.
+auto before_contacts = [&](int i, int substep, Vector& d, Vector kept) {
+    if (has_springs) pull(i, substep, d);
+    if (!extrapolates) return;
+    if (d.w > 0.0f) put_velocity(i, extrapolate(i, d, kept));
+    else d = plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + 1), kept);
+};
+
 // A substep ends: the ground, colliders, and vertex i's velocity, given its delta from the start.
 auto finish = [&](auto moving, int i, int substep, Vector& d, Vector from) {
     if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
     if (!moving && has_springs && !has_contacts) pull(i, substep, d);  // contacts come after springs
+    // Where there is a ground or a collider, no substep extrapolates (XpbdSolver.integrator).
+    if (extrapolates) return has_contacts ? velocity_of(i) : extrapolate(i, d, from);
     if (!moving && has_ground) {
         // The mean of pushes bounds friction: a vertex that is pushed by fits and starts would
         // slide while it is not, and the body would creep.

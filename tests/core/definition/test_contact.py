@@ -3,13 +3,22 @@
 import numpy as np
 import pytest
 
-from deformrf.core.definition.contact import Contacts, push_apart
+from deformrf.core.definition import contact
+from deformrf.core.definition.contact import Contacts
 from deformrf.core.deform.contact.listing import NO_BEVEL
 
 H = 1e-3
 HELD = np.array([[0.0] * 6 + [1.0] * 3])  # bevels of a triangle without sharp edges
 DEEP = np.array([[NO_BEVEL] * 6 + [-NO_BEVEL] * 3])
 LOWER = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+
+
+def push_apart(contacts, x, before, w, h, friction):
+    """Positions of contact.push_apart: a mean velocity in the substep stays one."""
+    v = (x - before) / h
+    x, before, v = contact.push_apart(contacts, x, before, v, w, h, friction)
+    np.testing.assert_allclose(v, (x - before) / h, atol=1e-9)
+    return x, before
 
 
 def one_contact(height, before_height, way=(0.0, 0.0), share=0.0, at=(0.2, 0.3)):

@@ -56,7 +56,7 @@ def in_order(constraints, values):
 
 def test_constraints_are_the_programs_without_its_refinements(block):
     """The program has factors for edges and shares of tets, and no braces on a block."""
-    rest, tets, h = block.rest_vertices, block.tets, 1e-3
+    rest, tets, of_a = block.rest_vertices, block.tets, (1e-3, 0.1)  # θh and f
     material = Material(young_modulus=1e5, poisson_ratio=0.4)
     held = rest[:, 2] < 0.4
     w = solver.inverse_masses(rest, tets, 1000.0, held)
@@ -64,12 +64,12 @@ def test_constraints_are_the_programs_without_its_refinements(block):
     assert not w[held].any() and held.any()
     theirs = edge_constraints(rest, tets)
     alpha = theirs.compliances(material.shear_modulus) * theirs.factors
-    ours = solver.edge_constraints(rest, tets, material.shear_modulus, w, h)
-    compare(ours, theirs, theirs.regularization(alpha, w, h))
+    ours = solver.edge_constraints(rest, tets, material.shear_modulus, w, *of_a)
+    compare(ours, theirs, theirs.regularization(alpha, w, *of_a))
     theirs = volume_constraints(rest, tets)
     alpha = 6.0 * theirs.rest_values / material.bulk_modulus
-    ours = solver.volume_constraints(rest, tets, material.bulk_modulus, w, h)
-    compare(ours, theirs, theirs.regularization(alpha, w, h))
+    ours = solver.volume_constraints(rest, tets, material.bulk_modulus, w, *of_a)
+    compare(ours, theirs, theirs.regularization(alpha, w, *of_a))
 
 
 def compare(ours, theirs, regularization):
@@ -82,7 +82,7 @@ def compare(ours, theirs, regularization):
 
 def test_no_two_constraints_of_a_color_share_a_vertex(block):
     w = np.ones(block.vertex_count)
-    edges = solver.edge_constraints(block.rest_vertices, block.tets, 1.0, w, 1e-3)
+    edges = solver.edge_constraints(block.rest_vertices, block.tets, 1.0, w, 1e-3, 0.1)
     for first, last in zip(edges.offsets[:-1], edges.offsets[1:], strict=True):
         vertices = edges.vertices[first:last].ravel()
         assert len(np.unique(vertices)) == len(vertices) > 0

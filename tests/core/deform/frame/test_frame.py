@@ -7,7 +7,7 @@ import pytest
 import solver_frame
 import warp as wp
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform import Material, XpbdOptions, XpbdSolver
 from deformrf.core.deform.frame import cpu as frame_cpu
 from deformrf.core.deform.frame import cuda as frame_cuda
 from deformrf.core.geometry import a15_grid, extract
@@ -33,24 +33,9 @@ def make_solver(mesh, device, material=None, options=OPTIONS):
 
 def reference_step(solver, start):
     """Positions of the reference after one frame.  [V, 3]"""
-    material, options = solver.material, solver.options
-    w = 1.0 / constraints.lumped_masses(solver.rest_vertices, solver.tets, material.density)
-    h = DT / options.substeps(DT)
-    edges, volumes = solver.edges, solver.volumes
-    of_edges, of_volumes = material.compliances(edges, volumes)
-    has_volumes = of_volumes is not None
-    frame = solver_frame.Frame(
-        options.timing(DT, material.damping, solver.object_size),
-        options.substeps(DT),
-        w,
-        start,
-        start,
-        edges,
-        edges.regularization(of_edges, w, h),
-        volumes if has_volumes else None,
-        volumes.regularization(of_volumes, w, h) if has_volumes else None,
-        free_parts=np.zeros(len(w), int) if material.damping else None,
-    )
+    free_parts = np.zeros(len(start), int) if solver.material.damping else None
+    settings = solver_frame.settings_of(solver, DT)
+    frame = solver_frame.Frame(**settings, anchors=start, targets=start, free_parts=free_parts)
     return solver_frame.step(frame, start, np.zeros_like(start))[0]
 
 

@@ -7,7 +7,7 @@ import pytest
 import solver_frame
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
-from deformrf.core.deform.xpbd_options import Timing
+from deformrf.core.deform.xpbd_options import INTEGRATORS, Timing
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -26,33 +26,6 @@ FOOT = MESH.rest_vertices[:, 2] < 0.26
 HEAD = np.flatnonzero(MESH.rest_vertices[:, 2] > 0.7)
 
 
-def frame_of(options, material, springs=None, targets=None, anchors=None, exact=(), w=None):
-    """The reference's input for the same options and material; held by its foot without `w`."""
-    rest = MESH.rest_vertices.astype(np.float32).astype(np.float64)
-    if w is None:
-        w = 1.0 / constraints.lumped_masses(rest, MESH.tets, material.density)
-        w[FOOT] = 0.0
-        w[list(exact)] = 0.0
-    edges = constraints.edge_constraints(rest, MESH.tets)
-    volumes = constraints.volume_constraints(rest, MESH.tets)
-    h = DT / options.substeps(DT)
-    a_edges = edges.regularization(edges.compliances(material.shear_modulus), w, h)
-    with np.errstate(divide="ignore"):
-        a_volumes = volumes.regularization(volumes.compliances(material.bulk_modulus), w, h)
-    return solver_frame.Frame(
-        options.timing(DT, material.damping, np.ptp(rest, axis=0).max()),
-        options.substeps(DT),
-        w,
-        anchors,
-        targets,
-        edges,
-        a_edges,
-        volumes if material.bulk_modulus > 0 else None,
-        a_volumes,
-        springs,
-    )
-
-
 def random_case():
     """Random options, material and state, and the head's way in two frames."""
     random = np.random.default_rng()
@@ -64,6 +37,7 @@ def random_case():
         air_drag=random.choice([0.0, 3.0]),
         wind=tuple(random.uniform(-5, 5, 3)),
         speed_limit=random.choice([3.0, 20.0]),
+        integrator=str(random.choice(list(INTEGRATORS))),
     )
     material = Material(
         young_modulus=10 ** random.uniform(3, 7),
@@ -99,7 +73,9 @@ def test_a_frame_with_exact_handles_agrees_with_the_reference(device, trial):
     solver.move(targets[HEAD])
     solver.step(DT)
     targets[FOOT] = start[FOOT]
-    frame = frame_of(options, material, exact=HEAD, targets=targets, anchors=start)
+    frame = solver_frame.Frame(
+        **solver_frame.settings_of(solver, DT), targets=targets, anchors=start
+    )
     assert_agrees(solver, frame, start, velocities)
 
 
@@ -110,8 +86,7 @@ def test_a_frame_of_a_free_body_agrees_with_the_reference(device, trial):
     solver = XpbdSolver(MESH.rest_vertices, MESH.tets, material, nothing, options, device)
     solver.set_state(start, velocities)
     solver.step(DT)
-    w = 1.0 / constraints.lumped_masses(solver.rest_vertices, MESH.tets, material.density)
-    frame = frame_of(options, material, targets=start, anchors=start, w=w)
+    frame = solver_frame.Frame(**solver_frame.settings_of(solver, DT), targets=start, anchors=start)
     parts = None if material.damping == 0.0 else np.zeros(MESH.vertex_count, int)
     assert_agrees(solver, replace(frame, free_parts=parts), start, velocities)
 
@@ -131,10 +106,12 @@ def test_two_frames_with_springs_agree_with_the_reference(device, trial):
         targets[HEAD] = (start[HEAD] + move).astype(np.float32)
         solver.move(targets[HEAD])
         solver.step(DT)
-        frame = frame_of(options, material, targets=targets, anchors=anchors)
+        frame = solver_frame.Frame(
+            **solver_frame.settings_of(solver, DT), targets=targets, anchors=anchors
+        )
         springs = np.full((MESH.vertex_count, 2), (constraints.NO_SPRING, 0.0))
         springs[HEAD] = constraints.spring_coefficients(
-            stiffness, limit, frame.inverse_masses[HEAD], frame.timing.substep
+            stiffness, limit, frame.inverse_masses[HEAD], frame.timing.reach
         )
         frame = replace(frame, springs=springs, presses=presses)
         assert_agrees(solver, frame, x, v)
