@@ -124,7 +124,7 @@ class XpbdOptions:
         count = round(dt / TIME_STEP * self.substep_count)
         return min(max(count, 1), LONGEST_STEPS * self.substep_count)
 
-    def timing(self, dt: float, damping: float, object_size: float, theta=1.0) -> Timing:
+    def timing(self, dt: float, damping: float, object_size: float, theta: float = 1.0) -> Timing:
         """The kernels' numbers for steps of dt [s]; damping [1/s], object_size [m], θ."""
         h = dt / self.substeps(dt)
         air = math.exp(-self.air_drag * h)

@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from deformrf.core.deform import HELD_SHARE, Material, XpbdOptions, XpbdSolver, constraints
-from deformrf.core.deform.xpbd_options import COUNT_STEP, INTEGRATORS
+from deformrf.core.deform import (
+    HELD_SHARE,
+    INTEGRATORS,
+    Material,
+    XpbdOptions,
+    XpbdSolver,
+    constraints,
+)
+from deformrf.core.deform.xpbd_options import COUNT_STEP
 from deformrf.core.geometry import TetMesh, a15_grid, extract, signed_volumes
 
 DT = 1.0 / 60.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import solver_frame
 
-from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints
-from deformrf.core.deform.xpbd_options import INTEGRATORS, Timing
+from deformrf.core.deform import INTEGRATORS, Material, XpbdOptions, XpbdSolver, constraints
+from deformrf.core.deform.xpbd_options import Timing
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
