@@ -19,8 +19,13 @@ A contact is active while C < 0 and y is behind its triangle and no other (`is_b
 with u_t the part of u along the triangle, e = (−C')⁺, β = 0.4, a depth d and a speed v.  The third
 move is also added to the positions at the substep's start, so that it adds no velocity.
 
-Velocities take what stops them in the same way: λ' = (u_n + λ D − h v_n)⁺ / D in place of λ, where
-u_n and v_n are the parts of u and of the relative velocity along n, and λ > 0.
+Where λ > 0, velocities are stopped, too.  With u_n and v_n the parts along n of u and of the
+relative velocity, and v_t the rest of that velocity,
+
+    λ' = (u_n + λ D − h v_n)⁺ / D
+    v_i ← v_i + w_i g_i (λ' n / h − v_t min(1, μ λ' D / (h |v_t|)) / D)
+
+A velocity of (x − x before) / h stays one.
 
 All contacts are projected from the same positions.  A vertex divides its mass among its active
 contacts in proportion to |g_i|: l_i is the sum of its |g_i| over them.  Its copy in one contact has
@@ -48,7 +53,7 @@ class Contacts(NamedTuple):
 
 
 def push_apart(contacts: Contacts, x, before, v, w, h, friction):
-    """Positions now, at the substep's start, and velocities, after a projection.  3 × [V, 3]"""
+    """Positions now and at the substep's start, and velocities, afterwards.  3 × [V, 3]"""
     ids, s = contacts.vertices, contacts.shares[:, None]
     point = (1.0 - s) * x[ids[:, 0]] + s * x[ids[:, 1]]
     a, b, c = (x[ids[:, i]] for i in (2, 3, 4))
@@ -74,7 +79,7 @@ def push_apart(contacts: Contacts, x, before, v, w, h, friction):
     held = np.minimum(1.0, friction * push / np.maximum(np.linalg.norm(sliding, axis=1), TINY))
     impulse = per_total[:, None] * (push[:, None] * normal - held[:, None] * sliding)
     shift = per_total[:, None] * out[:, None] * normal
-    u = (g[:, :, None] * v[ids]).sum(axis=1)  # relative velocities; v' is that along n
+    u = (g[:, :, None] * v[ids]).sum(axis=1)  # now the relative velocity
     speed = (normal * u).sum(axis=1)
     stopped = np.where(push > 0.0, np.maximum(approach + push - h * speed, 0.0), 0.0)
     sliding = u - speed[:, None] * normal

@@ -30,10 +30,10 @@ class Integrator(NamedTuple):
 _EULER, _SECOND_ORDER = Integrator(1.0, 0.05, 0.05), Integrator(0.54, 1.25, 0.6)
 _DAMPED = Integrator(0.8, 0.4, 0.1)
 STIFF = 0.66  # a lower r = α/(w h²) of the median edge
-# Those for materials that substeps hold, for stiffer ones, and for what needs Euler's damping:
-# the rescue, and what may come to rest on a ground or a collider.  With smaller floors or θ some
-# motion grows (docs/design/002-dynamics.md).
-# Sessions name theirs; those that name none have the first.
+# For materials that substeps hold, for stiffer ones, and for what needs Euler's damping: the
+# rescue, and what may come to rest on a ground or a collider (XpbdSolver.integrator).  With smaller
+# floors or θ some motion grows (docs/design/002-dynamics.md).  Sessions name theirs; those that
+# name none have the first.
 INTEGRATORS = {
     "euler": (_EULER, _EULER, _EULER),
     "extrapolated": (_SECOND_ORDER, _DAMPED, _EULER),

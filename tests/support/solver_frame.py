@@ -53,14 +53,10 @@ def defined(constraints, regularization) -> Constraints:
     return Constraints(*of_both, regularization, constraints.offsets)
 
 
-def settings_of(solver, dt, w=None):
-    """What follows for a frame of dt [s] from a solver's settings: arguments of Frame.
-
-    Args:
-        w: Inverse masses in place of the solver's.  [V]
-    """
+def settings_of(solver, dt):
+    """What follows for a frame of dt [s] from a solver's settings: arguments of Frame."""
     material, options, integrator = solver.material, solver.options, solver.integrator
-    w = solver._holds.inverse_masses if w is None else w
+    w = solver._holds.inverse_masses
     timing = options.timing(dt, material.damping, solver.object_size, integrator.theta)
     sparse = integrator.sparse_floor if solver.volumes.sparse else integrator.floor
     of_edges, of_volumes = material.compliances(solver.edges, solver.volumes)

@@ -61,6 +61,22 @@ def test_momentum_is_conserved():
         np.testing.assert_allclose((change / w[:, None]).sum(axis=0), 0.0, atol=1e-12)
 
 
+def test_velocities_of_their_own_are_stopped_with_their_momentum():
+    """What is pushed parts no slower than its positions do, and momentum is conserved."""
+    contacts, x, before, w = random_contacts()
+    v = (x - before) / H + np.random.default_rng().normal(scale=1.0, size=x.shape)
+    after = contact.push_apart(contacts, x, before, v, w, H, 0.5)[2]
+    assert np.abs(after - v).max() > 1e-3
+    np.testing.assert_allclose(((after - v) / w[:, None]).sum(axis=0), 0.0, atol=1e-9)
+    for speed, expected in ((-3.0, 0.0), (5.0, 5.0)):  # m/s along the normal; positions stand still
+        single, x, before = one_contact(-0.01, 0.0)
+        v = np.zeros_like(x)
+        v[:2, 2] = speed
+        w = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
+        after = contact.push_apart(single, x, before, v, w, H, 0.5)[2]
+        assert after[0, 2] == pytest.approx(expected, abs=1e-9)
+
+
 def test_kinematic_vertices_stay():
     contacts, x, before, w = random_contacts()
     w[20:] = 0.0
