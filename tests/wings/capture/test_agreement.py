@@ -137,7 +137,7 @@ def test_two_things_that_look_alike_are_told(call, trainer, tmp_path):
         return
     views = load_dataset(folder, "train")
     centers, _ = similarity_errors(views.poses, poses[[int(name) for name in views.names]])
-    assert np.median(centers) > 0.2
+    assert np.median(centers) > 0.1  # of right ones 0.02 at most (test_cameras.py)
     (doubt,) = doubts_about(folder)
     assert "things look alike" in doubt and "newspaper" in doubt
     assert result.out.count(doubt) == 2, "where the cameras are found, and with the page"
