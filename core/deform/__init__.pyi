@@ -21,7 +21,8 @@ from .strain import (
 )
 
 # For the viewer.
-from .xpbd import HELD_SHARE as HELD_SHARE, kernel_modules as kernel_modules
+from .held_stiffness import HELD_SHARE as HELD_SHARE
+from .xpbd import kernel_modules as kernel_modules
 
 from .xpbd_options import FIRST_INTEGRATOR as FIRST_INTEGRATOR, INTEGRATORS as INTEGRATORS
 

@@ -37,7 +37,7 @@ class Material:
     density: float = 1000.0  # mass per rest volume [kg/m³]
     # Rate at which velocities decay [1/s], whatever the substeps.  It spares the rigid motion of
     # parts that nothing holds.
-    damping: float = 3.0
+    damping: float = 3.5
     yield_strain: float = math.inf  # edges keep what exceeds it (rest_shape.py); inf: none do
 
     def __post_init__(self):
@@ -80,17 +80,26 @@ class Material:
         of_volumes = volumes.compliances(bulk) if bulk > 0 else None
         return edges.compliances(self.shear_modulus), of_volumes
 
-    def young_modulus_at(self, stiffness_ratio: float) -> float:
+    def young_modulus_at(self, stiffness_ratio: float, share_of_bulk_modulus: float = 1.0) -> float:
         """The E that a load meets at r = α/(w h²) [Pa]: E / (1 + (0.53/r)^3.5)^(1/3.5).
 
         For large r the body has E; for small r all constraints are at their floor, and E does not
         matter.  With the substeps that XpbdSolver.substeps_that_hold takes, it is 0.96 to 1.02 of
         what bending and columns measure, from 1 MPa to 1 GPa (*helmet*, a beam of A15).  With so
         few that r < 0.1, a column may be 1.7 times stiffer.
+
+        Args:
+            share_of_bulk_modulus: Of K, which the volume constraints hold; with less, E(μ, K) of
+                an elastic solid falls.
         """
+        whole, held = (
+            1.0 / (1.0 + self.shear_modulus / (3.0 * (k + 5.0 / 3.0 * self.shear_modulus)))
+            for k in (self.bulk_modulus, share_of_bulk_modulus * self.bulk_modulus)
+        )
+        modulus = self.young_modulus * held / whole
         if stiffness_ratio < 1e-6:
-            return self.young_modulus * stiffness_ratio / 0.53
-        return self.young_modulus / (1.0 + (0.53 / stiffness_ratio) ** 3.5) ** (1.0 / 3.5)
+            return modulus * stiffness_ratio / 0.53
+        return modulus / (1.0 + (0.53 / stiffness_ratio) ** 3.5) ** (1.0 / 3.5)
 
     def first_young_modulus_at(self, stiffness_ratio: float) -> float:
         """The same of the first integrator, whose soft grabs follow it: E / (1 + (c/r)^2.5)^0.4."""
@@ -103,7 +112,7 @@ class Material:
 # All above ν = 1/4: edges alone can't tell a tet from its mirror image, volumes can.
 PRESETS = {
     "jelly": Material(young_modulus=1e5, poisson_ratio=0.45, density=1000.0, damping=2.5),
-    "rubber": Material(young_modulus=1e6, poisson_ratio=0.40, density=1100.0, damping=3.0),
+    "rubber": Material(young_modulus=1e6, poisson_ratio=0.40, density=1100.0, damping=3.5),
     "plush": Material(young_modulus=1e5, poisson_ratio=0.30, density=300.0, damping=6.0),
     "clay": Material(
         young_modulus=1e6, poisson_ratio=0.40, density=1500.0, damping=8.0, yield_strain=0.03

@@ -10,7 +10,6 @@ A part is a connected component of the mesh.
 """
 
 import math
-from bisect import bisect_left
 
 import numpy as np
 import warp as wp
@@ -25,6 +24,7 @@ from .contact.contact import Contact, contact_modules
 from .frame.cpu import CpuFrame, takes_halves
 from .frame.cuda import CudaFrame, runs_in_block
 from .halves import cut
+from .held_stiffness import HeldStiffness
 from .holds import Holds
 from .inversion import InversionGuard
 from .material import Material
@@ -33,17 +33,13 @@ from .rest_shape import RestShape
 from .rigid_motion import FreeParts
 from .tangles import Feedback
 from .xpbd_options import (
-    FIRST_INTEGRATOR,
     INTEGRATORS,
-    STIFF,
     TIME_STEP,
     Integrator,
     XpbdOptions,
-    automatic_counts,
 )
 
 EVERYWHERE = slice(None)
-HELD_SHARE = 0.95  # of E: substeps that hold less soften the material
 
 
 class XpbdSolver:
@@ -290,28 +286,18 @@ class XpbdSolver:
         Below some 0.66 most constraints are at the floor of definition/solver.py: the substeps, not
         Young's modulus, decide how stiff the object is.
         """
-        w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
-        w = self.edges.weights(w)
-        h = self._dt / self.options.substeps(self._dt)
-        ratios = self._compliances[0][w > 0] / (w[w > 0] * h * h)
-        return float(np.median(ratios)) if len(ratios) else math.nan
+        return self._held_stiffness().ratio(self._substep)
 
     @property
     def integrator(self) -> Integrator:
         """How substeps move on, by the stiffness, and by what needs damping to come to rest."""
-        usual, of_stiff, damped = INTEGRATORS[self.options.integrator]
         if self.options.ground is not None or self.options.colliders or self.rescue.ratio:
-            return damped
-        return of_stiff if self.stiffness_ratio() < STIFF else usual
+            return INTEGRATORS[self.options.integrator][-1]
+        return self._held_stiffness().integrator(self._substep)
 
     def held_young_modulus(self) -> float:
         """The E of the material that a load meets with these substeps [Pa]."""
-        return self._held_at(self.stiffness_ratio())
-
-    def _held_at(self, ratio):
-        first = self.options.integrator == FIRST_INTEGRATOR
-        at = self.material.first_young_modulus_at if first else self.material.young_modulus_at
-        return at(ratio)
+        return self._held_stiffness().young_modulus(self._substep)
 
     def substeps_that_hold(self) -> int:
         """The least number of substeps per 1/60 s with which a load meets HELD_SHARE of E.
@@ -319,15 +305,25 @@ class XpbdSolver:
         It is one of automatic_counts(), the last if none is enough.  It follows from mesh, masses
         and material, and is the same on each device.
         """
-        counts = automatic_counts(len(self.edges.vertices))
-        of_one = self.stiffness_ratio() / self.options.substep_count**2  # r grows with n²
-        wanted = HELD_SHARE * self.material.young_modulus
+        return self._held_stiffness().least_count(len(self.edges.vertices))
 
-        def holds(count):
-            # What can't move is not softened: its r is nan.
-            return not self._held_at(of_one * count**2) < wanted
+    @property
+    def _substep(self):
+        return self._dt / self.options.substeps(self._dt)
 
-        return counts[bisect_left(counts[:-1], True, key=holds)]
+    def _held_stiffness(self):
+        w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
+        of_edges, of_volumes = self._compliances
+        weights = self.edges.weights(w)
+        moves = weights > 0
+        edges = np.stack([np.broadcast_to(of_edges, moves.shape), weights])[:, moves]
+        volumes = np.empty((3, 0))
+        if of_volumes is not None:
+            weights, whole = self.volumes.weights(w), self.volumes
+            volumes = np.broadcast_to(of_volumes, weights.shape), weights
+            volumes = np.stack([*volumes, whole.shares * whole.rest_values])
+            volumes = volumes[:, (weights > 0) & (whole.shares > 0)]
+        return HeldStiffness(self.material, self.options, edges, volumes, self.volumes.sparse)
 
     # -- time --------------------------------------------------------------------------
 
