@@ -22,7 +22,16 @@ auto shortfall = [](f8 squared, f8 rest, f8 total) {
     const f8 length = __builtin_elementwise_sqrt(squared);
     return (rest - length) / (total * length);
 };
-auto plus = [](f4 a, float s, f4 b) { a.xyz += s * b.xyz; return a; };
+auto two = [](f4 a, f4 b) { return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7); };
+auto plus = [](auto a, float s, auto b) {
+    if constexpr (sizeof(a) == sizeof(f4)) a.xyz += s * b.xyz;
+    else a += s * b;  // w of b is 0
+    return a;
+};
+auto for_each = [&](f4 a, auto v) {
+    if constexpr (sizeof(v) == sizeof(f4)) return a;
+    else return two(a, a);
+};
 auto times = [](float s, f4 a) { a.xyz *= s; return a; };
 auto cosine = [](float half_turns) { return cos(half_turns * 3.1415927f); };
 auto sine = [](float half_turns) { return sin(half_turns * 3.1415927f); };
@@ -247,6 +256,25 @@ for (int substep = 0; substep < substep_count; ++substep) {
         farthest = moved <= farthest ? farthest : moved == moved ? moved : __builtin_inff();
         store(i, d, v);
     };
+    // The same of vertices that only move, two at once; the last of an odd number twice.
+    auto end_two = [&](int slot, int other) {
+        const f8 d = two(bodies[slot], bodies[other]), from = two(previous[slot], previous[other]);
+        const f8 way = d - from, now = from + per_theta * way;
+        f8 v = begun(ended(two(momentary[slot], momentary[other]), way), decay);
+        const f8 of_axes = v * v;
+        const float squared[2] = {of_axes[0] + of_axes[1] + of_axes[2],
+                                  of_axes[4] + of_axes[5] + of_axes[6]};
+        if (squared[0] > limit * limit) v.lo = times(limit / sqrt(squared[0]), v.lo);
+        if (squared[1] > limit * limit) v.hi = times(limit / sqrt(squared[1]), v.hi);
+        const f8 next = plus(now, reach, v);
+        auto put = [&](int slot, f4 d, f4 v, f4 now, f4 next) {
+            if (d.w > 0.0f) momentary[slot] = v, previous[slot] = now, bodies[slot] = next;
+            else bodies[slot] = predict(Full(), 0, substep + 1, d, v, previous[slot]);
+        };
+        put(slot, d.lo, v.lo, now.lo, next.lo);
+        if (other != slot) put(other, d.hi, v.hi, now.hi, next.hi);
+    };
+    const bool twos = extrapolates && only_move && !over;
     int begins[2] = {part(0, vertex_count, thread), 0};
     int ends[2] = {part(0, vertex_count, thread + 1), 0};
     if (in_halves) {  // those that no near constraint touches first
@@ -258,7 +286,9 @@ for (int substep = 0; substep < substep_count; ++substep) {
     }
     for (int i = 0; i < 2; ++i) {
         if (i == 1 && has_half) wait_for(1 - thread);
-        each_slot(begins[i], ends[i], end_substep);
+        if (!twos) each_slot(begins[i], ends[i], end_substep);
+        for (int slot = begins[i]; twos && slot < ends[i]; slot += 2)
+            end_two(slot, slot + 1 < ends[i] ? slot + 1 : slot);
     }
     if (in_halves) post();
     else if (!over) meet();

@@ -31,6 +31,7 @@ auto shortfall = [&](float squared, float rest, float total) {
 auto plus = [](float4 a, float s, float4 b) {
     return make_float4(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z, a.w);
 };
+auto for_each = [](float4 a, float4) { return a; };
 auto times = [](float s, float4 a) { return make_float4(s * a.x, s * a.y, s * a.z, a.w); };
 auto cosine = [](float half_turns) { return cospif(half_turns); };
 auto sine = [](float half_turns) { return sinpif(half_turns); };

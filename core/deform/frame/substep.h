@@ -15,6 +15,7 @@
 //   cosine(t), sine(t)        of t half turns
 //   velocity_of(i), put_velocity(i, v)   a Vector: the velocity of vertex i in a substep
 //   plus(a, s, b), times(s, a)        a + s b and s a in x, y, z, of Vectors
+//   for_each(a, v)            the Vector a, once for each vertex of v: a CPU moves two at once
 //
 // Constants of the frame, and pointers to the vertices' arrays.
 const float* const timing = frame.timing.data;  // xpbd_options.Timing
@@ -124,6 +125,17 @@ struct Moving { constexpr operator bool() const { return true; } };
 struct Full { constexpr operator bool() const { return false; } };
 const bool only_move = !(has_springs || has_ground || has_free || collider_count || has_contacts);
 
+// Velocities with which vertices begin a substep, given those at the end of the one before, and
+// those at its end, given those and the way that its projections led along.
+auto begun = [&](auto v, float kept) {
+    v = plus(for_each(fall, v), kept, v);
+    return has_air ? plus(for_each(gust, v), air, v) : v;
+};
+auto ended = [&](auto v, auto way) {
+    v = plus(for_each(late_fall, v), 1.0f - per_theta, v);
+    return plus(v, per_theta * per_theta * per_h, way);
+};
+
 // A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.  What
 // is kept of a vertex from here to the substep's end is its delta now, or its way in this frame.
 auto predict = [&](auto moving, int i, int substep, Vector d, Vector v, Vector& kept) {
@@ -131,8 +143,7 @@ auto predict = [&](auto moving, int i, int substep, Vector d, Vector v, Vector& 
         return plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + theta), kept);
     kept = d;
     // Free parts are damped once a frame (rigid_motion.py).
-    v = plus(fall, !moving && has_free && frame.state.free.data[i] ? 1.0f : decay, v);
-    if (has_air) v = plus(gust, air, v);
+    v = begun(v, !moving && has_free && frame.state.free.data[i] ? 1.0f : decay);
     const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
     if (squared > limit * limit) v = times(limit / sqrt(squared), v);
     if (extrapolates) put_velocity(i, v);
@@ -205,10 +216,9 @@ auto pull = [&](int i, int substep, Vector& d) {
 // The projections of a substep are done: moves vertex i on to its end, and returns its velocity.
 auto extrapolate = [&](int i, Vector& d, Vector from) {
     const Vector way = plus(d, -1.0f, from);
-    const Vector v = plus(late_fall, 1.0f - per_theta, velocity_of(i));
     d = Vector{from.x + per_theta * way.x, from.y + per_theta * way.y,
                from.z + per_theta * way.z, d.w};
-    return plus(v, per_theta * per_theta * per_h, way);
+    return ended(velocity_of(i), way);
 };
 
 // Contacts follow: the spring of vertex i, and where it is at the substep's end without them.
