@@ -39,13 +39,14 @@ f4* const bodies = reinterpret_cast<f4*>(scratch.bodies.data);
 f4* const previous = reinterpret_cast<f4*>(scratch.previous.data);
 f4* const momentary = reinterpret_cast<f4*>(scratch.velocities.data);
 const int* const slots = scratch.slots.data;
-auto velocity_of = [&](int i) { return momentary[slots[i]]; };
-auto put_velocity = [&](int i, f4 v) { momentary[slots[i]] = v; };
 #include "substep.h"
 auto body_of = [&](int i) { return bodies[slots[i]]; };
 auto put_body = [&](int i, f4 d) { bodies[slots[i]] = d; };
 auto before = [&](int i) { return previous[slots[i]]; };
 auto keep_before = [&](int i, f4 d) { previous[slots[i]] = d; };
+auto velocity_of = [&](int i) { return momentary[slots[i]]; };
+auto put_velocity = [&](int i, f4 v) { momentary[slots[i]] = v; };
+auto kept_of = [&](int slot) { return Kept{previous[slot], momentary[slot]}; };
 auto seen = [](auto* p) { return *p; };
 auto seen_four = [](const float* p) { return *reinterpret_cast<const f4*>(p); };
 auto summed = [](f4 v) { return v; };
@@ -221,7 +222,7 @@ for (int k = part(0, edge_count, thread), last = part(0, edge_count, thread + 1)
 if (has_volumes)
     for (int k = part(0, tet_count, thread), last = part(0, tet_count, thread + 1); k < last; ++k)
         begin(frame.volumes.vertices.data, 4, 0, tet_space, tet_lanes, tet_span, k);
-each_vertex([&](int i, int slot) { bodies[slot] = first_prediction(Full(), i, previous[slot]); });
+each_vertex([&](int i, int slot) { bodies[slot] = first_prediction(Full(), i, kept_of(slot)); });
 float farthest = 0.0f;
 meet();
 for (int substep = 0; substep < substep_count; ++substep) {
@@ -231,7 +232,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
         if (in_halves) meet();  // contacts join any vertices
         if (has_springs || extrapolates) {
             each_vertex([&](int i, int slot) {
-                before_contacts(i, substep, bodies[slot], previous[slot]);
+                before_contacts(i, substep, bodies[slot], kept_of(slot));
             });
             meet();
         }
@@ -247,9 +248,9 @@ for (int substep = 0; substep < substep_count; ++substep) {
     const bool over = substep + 1 == substep_count;
     auto end_substep = [&](int i, int slot) {
         f4 d = bodies[slot];
-        const f4 v = finish(Full(), i, substep, d, previous[slot]);
+        const f4 v = finish(Full(), i, substep, d, kept_of(slot));
         if (!over) {
-            bodies[slot] = predict(Full(), i, substep + 1, d, v, previous[slot]);
+            bodies[slot] = predict(Full(), i, substep + 1, d, v, kept_of(slot));
             return;
         }
         const float moved = d.x * d.x + d.y * d.y + d.z * d.z;
@@ -269,7 +270,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
         const f8 next = plus(now, reach, v);
         auto put = [&](int slot, f4 d, f4 v, f4 now, f4 next) {
             if (d.w > 0.0f) momentary[slot] = v, previous[slot] = now, bodies[slot] = next;
-            else bodies[slot] = predict(Full(), 0, substep + 1, d, v, previous[slot]);
+            else bodies[slot] = predict(Full(), 0, substep + 1, d, v, kept_of(slot));
         };
         put(slot, d.lo, v.lo, now.lo, next.lo);
         if (other != slot) put(other, d.hi, v.hi, now.hi, next.hi);

@@ -35,18 +35,6 @@ auto for_each = [](float4 a, float4) { return a; };
 auto times = [](float s, float4 a) { return make_float4(s * a.x, s * a.y, s * a.z, a.w); };
 auto cosine = [](float half_turns) { return cospif(half_turns); };
 auto sine = [](float half_turns) { return sinpif(half_turns); };
-float* const momentary = reinterpret_cast<float*>(frame.state.velocities.data);
-auto velocity_of = [&](int i) {
-    const float* const v = momentary + 3 * i;
-#if @GRID
-    return make_float4(__ldcg(v), __ldcg(v + 1), __ldcg(v + 2), 0.0f);
-#else
-    return make_float4(v[0], v[1], v[2], 0.0f);
-#endif
-};
-auto put_velocity = [&](int i, float4 v) {
-    momentary[3 * i] = v.x; momentary[3 * i + 1] = v.y; momentary[3 * i + 2] = v.z;
-};
 #include "substep.h"
 
 // -- where positions are, and how threads wait for each other ---------------------------------
@@ -66,6 +54,15 @@ auto before = [&](int i) {
 };
 auto keep_before = [&](int i, float4 d) {
     previous[3 * i] = d.x; previous[3 * i + 1] = d.y; previous[3 * i + 2] = d.z;
+};
+float* const momentary = reinterpret_cast<float*>(scratch.velocities.data);
+auto velocity_of = [&](int i) {
+    const float* const v = momentary + 3 * i;
+    if (has_contacts) return make_float4(seen(v), seen(v + 1), seen(v + 2), 0.0f);
+    return make_float4(v[0], v[1], v[2], 0.0f);
+};
+auto put_velocity = [&](int i, float4 v) {
+    momentary[3 * i] = v.x; momentary[3 * i + 1] = v.y; momentary[3 * i + 2] = v.z;
 };
 constexpr int threads = @THREADS;
 #if @GRID
@@ -124,7 +121,7 @@ auto wait = [&]() { __syncthreads(); };
 // Does something with vertices: f(Moving() or Full(), i, slot, what is kept of vertex i).
 #if !@GRID
 // Where vertices only move, a thread has in registers what is kept of its own.
-float4 kept[@THREAD_VERTICES];
+float4 deltas[@THREAD_VERTICES], velocities[@THREAD_VERTICES];
 int slots[@THREAD_VERTICES];
 #pragma unroll
 for (int n = 0; n < @THREAD_VERTICES; ++n) {
@@ -138,15 +135,17 @@ auto each_vertex = [&](auto f) {
 #pragma unroll
         for (int n = 0; n < @THREAD_VERTICES; ++n) {
             const int i = first_vertex + n * vertex_step;
-            if (i < vertex_count) f(Moving(), i, slots[n], kept[n]);
+            if (i < vertex_count) f(Moving(), i, slots[n], Kept{deltas[n], velocities[n]});
         }
         return;
     }
 #endif
     for (int i = first_vertex; i < vertex_count; i += vertex_step) {
-        float4 kept = before(i);
-        f(Full(), i, slot_of(i), kept);
-        keep_before(i, kept);
+        float4 delta = before(i), v = delta;
+        if (extrapolates) v = velocity_of(i);
+        f(Full(), i, slot_of(i), Kept{delta, v});
+        keep_before(i, delta);
+        if (extrapolates) put_velocity(i, v);
     }
 };
 auto body_of = [&](int i) { return get(slot_of(i)); };
@@ -323,7 +322,7 @@ auto load_first = [&](Ahead& even, Ahead& odd) {
 };
 
 // -- the frame --------------------------------------------------------------------------------
-each_vertex([&](auto moving, int i, int slot, float4& kept) {
+each_vertex([&](auto moving, int i, int slot, Kept kept) {
     put(slot, first_prediction(moving, i, kept));
 });
 #if !@GRID
@@ -341,7 +340,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
     }
     if (has_contacts) {
         if (has_springs || extrapolates) {
-            each_vertex([&](auto, int i, int slot, float4& kept) {
+            each_vertex([&](auto, int i, int slot, Kept kept) {
                 float4 d = get(slot);
                 before_contacts(i, substep, d, kept);
                 put(slot, d);
@@ -362,7 +361,7 @@ for (int substep = 0; substep < substep_count; ++substep) {
     }
     load_first(even, odd);
     const bool over = substep + 1 == substep_count;
-    each_vertex([&](auto moving, int i, int slot, float4& kept) {
+    each_vertex([&](auto moving, int i, int slot, Kept kept) {
         float4 d = get(slot);
         const float4 v = finish(moving, i, substep, d, kept);
         if (!over) {

@@ -40,6 +40,7 @@ class CudaScratch:
     slots: wp.array(dtype=int)  # [V] where a block keeps each vertex in shared memory
     bodies: wp.array(dtype=wp.vec4)  # [V] deltas and inverse masses, of a grid
     previous: wp.array(dtype=wp.vec3)  # [V] deltas at the substep's start
+    velocities: wp.array(dtype=wp.vec3)  # [V] in a substep that extrapolates
     edge_slots: wp.array(dtype=wp.vec2i)  # [E] of the ends; in a block packed, with a
     edge_spans: wp.array(dtype=wp.vec4)  # [E] difference of the ends at the frame's start; L
     tet_slots: wp.array(dtype=wp.vec4i)  # [T] of the corners
@@ -136,6 +137,7 @@ class CudaFrame:
             slots=count,
             bodies=1 if self._in_block else count,
             previous=count,
+            velocities=count,
             edge_slots=edge_space,
             edge_spans=edge_space,
             tet_slots=tet_space,

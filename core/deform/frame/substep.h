@@ -13,7 +13,6 @@
 //   per_root(a, b)            a / sqrt(b), of floats
 //   shortfall(squared, rest, total)   (rest - |u|) / (|u| total), where squared = |u|^2
 //   cosine(t), sine(t)        of t half turns
-//   velocity_of(i), put_velocity(i, v)   a Vector: the velocity of vertex i in a substep
 //   plus(a, s, b), times(s, a)        a + s b and s a in x, y, z, of Vectors
 //   for_each(a, v)            the Vector a, once for each vertex of v: a CPU moves two at once
 //
@@ -136,24 +135,27 @@ auto ended = [&](auto v, auto way) {
     return plus(v, per_theta * per_theta * per_h, way);
 };
 
-// A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.  What
-// is kept of a vertex from here to the substep's end is its delta now, or its way in this frame.
-auto predict = [&](auto moving, int i, int substep, Vector d, Vector v, Vector& kept) {
+// What is kept of a vertex from a substep's beginning to its end: its delta, or its way in this
+// frame if it is kinematic; and, where substeps extrapolate, its velocity.
+struct Kept { Vector& delta; Vector& velocity; };
+
+// A substep begins: vertex i moves on by its velocity, or along its way if it is kinematic.
+auto predict = [&](auto moving, int i, int substep, Vector d, Vector v, Kept kept) {
     if (!(d.w > 0.0f))
-        return plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + theta), kept);
-    kept = d;
+        return plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + theta), kept.delta);
+    kept.delta = d;
     // Free parts are damped once a frame (rigid_motion.py).
     v = begun(v, !moving && has_free && frame.state.free.data[i] ? 1.0f : decay);
     const float squared = v.x * v.x + v.y * v.y + v.z * v.z;
     if (squared > limit * limit) v = times(limit / sqrt(squared), v);
-    if (extrapolates) put_velocity(i, v);
+    if (extrapolates) kept.velocity = v;
     return plus(d, reach, v);
 };
-auto first_prediction = [&](auto moving, int i, Vector& kept) {
+auto first_prediction = [&](auto moving, int i, Kept kept) {
     const float* const d = rest_delta + 3 * i;
     const float* const v = velocity + 3 * i;
-    kept = Vector{target[3 * i] - x[3 * i], target[3 * i + 1] - x[3 * i + 1],
-                  target[3 * i + 2] - x[3 * i + 2], 0.0f};
+    kept.delta = Vector{target[3 * i] - x[3 * i], target[3 * i + 1] - x[3 * i + 1],
+                        target[3 * i + 2] - x[3 * i + 2], 0.0f};
     return predict(moving, i, 0, Vector{d[0], d[1], d[2], frame.state.inverse_masses.data[i]},
                    Vector{v[0], v[1], v[2], 0.0f}, kept);
 };
@@ -213,28 +215,29 @@ auto pull = [&](int i, int substep, Vector& d) {
     }
 };
 
-// The projections of a substep are done: moves vertex i on to its end, and returns its velocity.
-auto extrapolate = [&](int i, Vector& d, Vector from) {
-    const Vector way = plus(d, -1.0f, from);
+// The projections of a substep are done: moves a vertex on to its end, and returns its velocity.
+auto extrapolate = [&](Vector& d, Kept kept) {
+    const Vector way = plus(d, -1.0f, kept.delta), from = kept.delta;
     d = Vector{from.x + per_theta * way.x, from.y + per_theta * way.y,
                from.z + per_theta * way.z, d.w};
-    return ended(velocity_of(i), way);
+    return ended(kept.velocity, way);
 };
 
 // Contacts follow: the spring of vertex i, and where it is at the substep's end without them.
-auto before_contacts = [&](int i, int substep, Vector& d, Vector kept) {
+auto before_contacts = [&](int i, int substep, Vector& d, Kept kept) {
     if (has_springs) pull(i, substep, d);
     if (!extrapolates) return;
-    if (d.w > 0.0f) put_velocity(i, extrapolate(i, d, kept));
-    else d = plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + 1), kept);
+    if (d.w > 0.0f) kept.velocity = extrapolate(d, kept);
+    else d = plus(Vector{0.0f, 0.0f, 0.0f, d.w}, per_count * (substep + 1), kept.delta);
 };
 
-// A substep ends: the ground, colliders, and vertex i's velocity, given its delta from the start.
-auto finish = [&](auto moving, int i, int substep, Vector& d, Vector from) {
+// A substep ends: the ground, colliders, and vertex i's velocity.
+auto finish = [&](auto moving, int i, int substep, Vector& d, Kept kept) {
     if (!(d.w > 0.0f)) return Vector{0.0f, 0.0f, 0.0f, 0.0f};
     if (!moving && has_springs && !has_contacts) pull(i, substep, d);  // contacts come after springs
     // Where there is a ground or a collider, no substep extrapolates (XpbdSolver.integrator).
-    if (extrapolates) return has_contacts ? velocity_of(i) : extrapolate(i, d, from);
+    if (extrapolates) return has_contacts ? kept.velocity : extrapolate(d, kept);
+    Vector from = kept.delta;
     if (!moving && has_ground) {
         // The mean of pushes bounds friction: a vertex that is pushed by fits and starts would
         // slide while it is not, and the body would creep.
