@@ -114,6 +114,7 @@ class XpbdSolver:
         on_cuda = arrays, self.rest_vertices, self.device
         self._frame = CudaFrame(*on_cuda) if on_gpu else CpuFrame(arrays, halves)
         self._contact = Contact(self.rest_vertices, self.volumes.vertices, self._state, self._frame)
+        self._contact.take(self.options.integrator)
         body = self._holds, self._rest_shape, self._contact, self._part_of, self.object_size
         self._recovery = Recovery(arrays.state, *body)
         self.rescue = self._recovery.rescue
@@ -162,6 +163,7 @@ class XpbdSolver:
         if options.colliders != self.options.colliders:
             self._colliders.put(options.colliders)
         self.options = options
+        self._contact.take(options.integrator)
         self._touch()
 
     def move_colliders(self, centers: ArrayLike) -> None:

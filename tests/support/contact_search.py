@@ -8,7 +8,15 @@ import numpy as np
 
 from deformrf.core.deform.contact.boxes import AWAKE
 from deformrf.core.deform.contact.clusters import Clusters, barycentric
-from deformrf.core.deform.contact.detection import BESIDE, DEEP, KEPT, LEAST_VOLUME, MOST, NO_FACE
+from deformrf.core.deform.contact.detection import (
+    BESIDE,
+    DEEP,
+    KEPT,
+    LEAST_VOLUME,
+    MOST,
+    NO_FACE,
+    ONE_WAY,
+)
 from deformrf.core.deform.contact.surface import Surface, closest_weights
 
 
@@ -82,11 +90,26 @@ def find(
                     leaves_by = int(before)
             elif before in exits[tet]:
                 leaves_by = int(before)
+        if listed:
+            first = leaves_by if leaves_by != NO_FACE else listed[0]
+            listed = _one_each_way(surface, vertices, [first, *listed])
         if leaves_by != NO_FACE:
             place = listed.index(leaves_by) if leaves_by in listed else min(len(listed), MOST - 1)
             listed[place : place + 1] = [DEEP - leaves_by]
         found.append((listed, leaves_by))
     return found
+
+
+def _one_each_way(surface, vertices, faces):
+    """The first face and those that look another way than those before; at most MOST."""
+    a, b, c = (vertices[surface.faces[faces][:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    kept = [0]
+    for i in range(1, len(faces)):
+        if faces[i] != faces[0] and (normals[kept] @ normals[i]).max() <= ONE_WAY:
+            kept.append(i)
+    return [faces[i] for i in kept[:MOST]]
 
 
 def _members(clusters, offsets, groups):

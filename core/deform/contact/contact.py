@@ -9,17 +9,18 @@ import warp as wp
 from ...base.recorded import Recorded
 from ...geometry import components, edges
 from ..arrays import VertexArrays, contact_arrays
+from ..xpbd_options import DEFAULT_INTEGRATOR, FIRST_INTEGRATOR
 from . import boxes, detection, listing
 from .boxes import ASLEEP, AWAKE, OUT, ContactShape
 from .clusters import make_clusters
-from .detection import MOST, NO_FACE
+from .detection import EACH_FACE, MOST, NO_FACE, ONE_WAY
 from .surface import exits, make_surface
 
 # In mean edges at rest:
 MARGIN = 0.25  # a point that comes nearer than this to a face within a frame is a contact
 TOLERANCE = 0.1  # a point less deep than this behind a face is in front of it
 REST_GAP = 1.0  # a component's clusters that are nearer to each other at rest don't collide
-SOFT_DEPTH = 0.1  # a point that is less deep leaves a body more slowly
+SOFT_DEPTH, FIRST_SOFT_DEPTH = 0.01, 0.1  # a point that is less deep leaves a body more slowly
 SPEED = 5.0  # per second: a point leaves a body that it is in
 
 GUESS = 1.5  # times the last motion that is known: what a vertex may move in a frame
@@ -53,9 +54,18 @@ class Contact:
         # How far the nearest boxes were apart, how far vertices may have gone since, and went in
         # the last frame that is known [m].
         self._clearance = self._travel = self._motion = 0.0
+        self._first = DEFAULT_INTEGRATOR == FIRST_INTEGRATOR
         self._entered = False  # whether samples may have faces by which they leave bodies
         self._launches = {}
         self._listing = None
+
+    def take(self, integrator: str):
+        """With the first integrator bodies lie deeper in each other, and each face counts."""
+        first = integrator == FIRST_INTEGRATOR
+        if first != self._first:
+            self._first = first
+            self.arrays = self._dt = self._moods_of = None  # so the next search builds
+            self.look_again()
 
     def quiet(self, dt: float) -> bool:
         """Whether nothing can touch in the next dt seconds, as far as is known already."""
@@ -184,7 +194,8 @@ class Contact:
         self._entries = self.arrays.entries
         if device.is_cuda:  # threads enter them in any order
             self._entries = wp.zeros_like(self.arrays.entries)
-        self.arrays.limits.assign(np.array([SOFT_DEPTH, SPEED], np.float32) * edge)
+        soft_depth = FIRST_SOFT_DEPTH if self._first else SOFT_DEPTH
+        self.arrays.limits.assign(np.array([soft_depth, SPEED], np.float32) * edge)
         if self._frame is not None:
             self._frame.set_contacts(self.arrays)
 
@@ -203,7 +214,8 @@ class Contact:
         self._launch(boxes.small_box_kernel, len(self._small_boxes[0]), *inputs)
         where = *self._small_boxes, self._touched, self._overlaps
         lanes = detection.lane_count(self._device)
-        limits = self._dt, self._margin, self._tolerance, lanes
+        alike = EACH_FACE if self._first else ONE_WAY
+        limits = self._dt, self._margin, self._tolerance, alike, lanes
         inputs = shape, state, *where, *limits, self._exits, self._found, counts, contacts.counts
         self._launch(detection.find_kernel, len(counts) * lanes, *inputs)
         wp.utils.array_scan(counts, self._ends, inclusive=True)

@@ -9,8 +9,10 @@
           is much nearer, so that it is not pulled to and fro.  Near a sharp edge, a sample less
           deep than the tolerance gets a face only once it is clear which one it is behind.
 
-A sample has contacts with at most MOST faces, the nearest ones.  Inverted faces and tets are
-ignored: they have no outside.  tests/support/contact_search.py has the same in float64.
+A sample has contacts with at most MOST faces, the nearest ones, no two of which look the same way:
+a sample near an edge within a plane would be pushed twice, and bodies tremble as it gets there and
+leaves.  Inverted faces and tets are ignored: they have no outside.
+tests/support/contact_search.py has the same in float64.
 
 Shapes: G clusters, L leaves, S samples, F faces, T tets.
 """
@@ -29,6 +31,7 @@ NO_FACE = -1
 DEEP = -2  # a deep contact with face f is listed as DEEP - f
 KEPT = 1.5  # a point leaves where it left before until another face is so many times nearer
 NOBODY = 2**31 - 1  # an index after all others
+ONE_WAY, EACH_FACE = 0.95, 2.0  # the largest cosine between faces of which each counts
 LEAST_VOLUME = 0.1  # of a tet at rest; a flatter one has no inside
 
 
@@ -111,6 +114,34 @@ def distance_within_frame(
             if w[i] < shape.rims[face][i] or w[i] > shape.tops[face][i]:
                 where = BEHIND_RIM
     return distance, where
+
+
+@wp.func
+def unit_normal(shape: ContactShape, state: VertexArrays, face: int):
+    corners = shape.faces[face]
+    a = state.vertices[corners[0]]
+    return wp.normalize(wp.cross(state.vertices[corners[1]] - a, state.vertices[corners[2]] - a))
+
+
+@wp.func
+def without_alike(
+    shape: ContactShape, state: VertexArrays, faces: wp.vec4i, nearest: int, alike: float
+):
+    """The nearest and those of the faces [4] that look another way than those before."""
+    kept = wp.vec4i(NO_FACE)
+    kept[0] = nearest
+    count = int(1)
+    for i in range(4):
+        face = faces[i]
+        other = bool(count < 4 and face != NO_FACE)
+        for j in range(count):
+            if other:
+                cosine = wp.dot(unit_normal(shape, state, face), unit_normal(shape, state, kept[j]))
+                other = face != kept[j] and cosine <= alike
+        if other:
+            kept[count] = face
+            count += 1
+    return kept
 
 
 @wp.func
@@ -223,6 +254,7 @@ def find_kernel(
     dt: float,
     margin: float,
     tolerance: float,
+    alike: float,  # ONE_WAY or EACH_FACE
     lanes: int,  # lane_count
     exits: wp.array(dtype=int),  # [S] in and out: the face where a sample leaves, or NO_FACE
     found: wp.array(dtype=wp.vec4i),  # [S] out: faces, DEEP - face, or NO_FACE
@@ -324,6 +356,9 @@ def find_kernel(
             leaves_by = known_exit(shape, tet_around, before)
         elif before_at < KEPT * behind_at:
             leaves_by = before
+    nearest = wp.where(leaves_by == NO_FACE, faces[0], leaves_by)
+    if nearest != NO_FACE and alike < EACH_FACE:
+        faces = without_alike(shape, state, faces, nearest, alike)
     if leaves_by != NO_FACE:
         place = int(0)
         while place < 3 and faces[place] != leaves_by and faces[place] != NO_FACE:

@@ -3,14 +3,15 @@
 import contact_search
 import numpy as np
 import pytest
-from contact_scenes import pressed_balls, two_balls
+from contact_scenes import box, joined, pressed_balls, two_balls
 
 from deformrf.core.deform import Material, XpbdSolver
 from deformrf.core.deform.contact.boxes import ASLEEP, AWAKE, OUT
 from deformrf.core.deform.contact.clusters import make_clusters
 from deformrf.core.deform.contact.contact import REST_GAP, Contact
-from deformrf.core.deform.contact.detection import NO_FACE
+from deformrf.core.deform.contact.detection import DEEP, NO_FACE
 from deformrf.core.deform.contact.surface import exits, make_surface
+from deformrf.core.deform.xpbd_options import DEFAULT_INTEGRATOR, FIRST_INTEGRATOR
 from deformrf.core.geometry import edges
 
 DT = 1.0 / 60.0
@@ -77,6 +78,29 @@ def test_a_sample_leaves_where_it_left_before(device):
     changed = kept[inside] != first[inside]
     assert changed.any() and (kept[inside][changed] == before[inside][changed]).all()
     assert not changed.all()
+
+
+@pytest.mark.parametrize("gap", [-0.002, 0.002])
+def test_a_plane_counts_once(device, gap):
+    """Of boxes one on the other, with vertices upon vertices, in front of faces and behind them."""
+    vertices, tets = box((3, 3, 1), 0.1)
+    step = np.array([0.0, 0.0, 0.1 + gap])
+    rest, tets, _ = joined((vertices, tets), (vertices + step, tets))
+    solver = XpbdSolver(rest, tets, Material(), np.zeros(len(rest), bool), device=device)
+    contact = Contact(solver.rest_vertices, solver.volumes.vertices, solver._state)
+    most = {}
+    for integrator in (DEFAULT_INTEGRATOR, FIRST_INTEGRATOR, DEFAULT_INTEGRATOR):
+        contact.take(integrator)
+        contact.find(DT, BOTH, ~BOTH)
+        listed, shape = contact._found.numpy(), contact._shape
+        faces, corners = np.where(listed <= DEEP, DEEP - listed, listed), shape.faces.numpy()
+        a, b, c = (rest[corners[:, i]] for i in range(3))
+        level = np.abs(np.cross(b - a, c - a)[:, :2]).max(axis=1) < 1e-9
+        inner = np.abs(rest[shape.ends.numpy()][:, :, :2] - 0.15).max(axis=(1, 2)) < 0.1
+        of_sample = ((faces != NO_FACE) & level[faces]).sum(axis=1)
+        most[integrator] = of_sample.max()
+        assert of_sample[inner].max() > 0
+    assert most[DEFAULT_INTEGRATOR] == 1 < most[FIRST_INTEGRATOR]
 
 
 def test_bodies_that_are_apart_have_no_contacts(device):
