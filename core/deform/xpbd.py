@@ -30,7 +30,7 @@ from .inversion import InversionGuard
 from .material import Material
 from .recovery import Recovery
 from .rest_shape import RestShape
-from .rigid_motion import FreeParts
+from .rigid_motion import FreeParts, flight
 from .tangles import Feedback
 from .xpbd_options import (
     INTEGRATORS,
@@ -263,6 +263,7 @@ class XpbdSolver:
         self._placed = vertices
         self.velocities.zero_()
         self._contact.forget()
+        self._free_parts.forget()
         self._guard.reset()
         if velocities is not None:
             velocities = checks.vectors(velocities, len(self.pinned), "velocity", "vertex")
@@ -440,9 +441,10 @@ class XpbdSolver:
         self._holds.prepare_springs(reach)
         self._rest_shape.prepare(self.material.yield_strain)
         held = np.bincount(self._part_of, self._holds.held)
-        free = self._active & (held == 0) & (self.material.damping > 0.0)
+        air = flight(self.options, timing, self._dt, len(self._active))
+        free = self._active & (held == 0) & (self.material.damping > 0.0 or air is not None)
         self._state.free.assign(free[self._part_of].astype(np.int32))
-        self._free_parts.select(free, math.exp(-self.material.damping * self._dt))
+        self._free_parts.select(free, math.exp(-self.material.damping * self._dt), air)
 
 
 def kernel_modules(device: wp.DeviceLike) -> list[str]:

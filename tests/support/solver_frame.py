@@ -6,6 +6,7 @@ Shapes: V vertices, E edges, T tets.
 from dataclasses import dataclass
 
 import numpy as np
+from resting import RigidMotion
 
 from deformrf.core.definition.contact import Contacts, push_apart
 from deformrf.core.definition.solver import (
@@ -23,7 +24,6 @@ from deformrf.core.deform.constraints import (
     EdgeConstraints,
     VolumeConstraints,
 )
-from deformrf.core.deform.rigid_motion import SMALLEST_ARM, SMALLEST_TURN
 from deformrf.core.deform.xpbd_options import Timing
 
 
@@ -127,14 +127,7 @@ def _damped(frame, x, v):
 
 def rigid_velocities(vertices, velocities, masses):
     """s of rigid_motion.py, of the vertices of one part, in float64.  [V, 3]"""
-    m = masses[:, None]
-    r = vertices - (m * vertices).sum(axis=0) / m.sum()
-    u = (m * velocities).sum(axis=0) / m.sum()
-    inertia = (masses * (r**2).sum(axis=1)).sum() * np.eye(3) - (m * r).T @ r
-    least = SMALLEST_TURN * np.trace(inertia) + SMALLEST_ARM**2 * m.sum()
-    inertia += least * np.eye(3)
-    spin = np.linalg.solve(inertia, (m * np.cross(r, velocities - u)).sum(axis=0))
-    return u + np.cross(spin, r)
+    return RigidMotion.of(vertices, velocities, masses).at(vertices)
 
 
 def _driven(frame, v):

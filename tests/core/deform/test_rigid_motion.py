@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 import warp as wp
+from resting import Kept, RigidMotion, rested
 from solver_frame import rigid_velocities
 
 from deformrf.core.deform import Material, XpbdOptions, XpbdSolver, constraints, rigid_motion
+from deformrf.core.deform.rigid_motion import Flight
 from deformrf.core.geometry import a15_grid, extract
 
 DT = 1.0 / 60.0
@@ -77,6 +79,42 @@ def test_the_kernel_agrees_with_the_reference(device, shape):
         rigid = rigid_velocities(x[some], v[some], masses[some])
         expected = rigid + decay * (v[some] - rigid)
         np.testing.assert_allclose(solver.velocities.numpy()[some], expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("lift", [-0.5, 0.0005, 0.01, 0.3, 2.0])
+def test_rest_agrees_with_the_reference(device, lift):
+    """Four frames of two parts, which their supports lift by this share of their weight."""
+    random = np.random.default_rng()
+    solver = make_solver(device, mesh=two_parts())
+    x = solver.rest_vertices + random.normal(scale=0.05, size=solver.rest_vertices.shape)
+    v = 0.02 * random.normal(size=x.shape)
+    solver.set_state(x, v)
+    solver._holds._update()
+    up = random.normal(size=3)
+    up /= np.linalg.norm(up)
+    flight = Flight(random.uniform(0.9, 1.0), random.normal(scale=0.1, size=3), up, 0.16)
+    decay, parts = random.uniform(0.1, 0.9), [solver._part_of == part for part in range(2)]
+    solver._free_parts.select(np.ones(2, bool), decay, flight)
+    x, masses = x.astype(np.float32).astype(np.float64), masses_of(solver)
+    kept = [None, None]
+    for _ in range(4):
+        v = v.astype(np.float32).astype(np.float64)
+        solver.velocities.assign(v)
+        solver._free_parts.damp()
+        expected, after = v.copy(), v.copy()
+        for part, some in enumerate(parts):
+            motion = RigidMotion.of(x[some], v[some], masses[some])
+            new = Kept(motion.velocity, motion.spin, np.zeros(3))
+            if kept[part] is not None:
+                new = rested(motion, kept[part], flight)
+            moves = RigidMotion(motion.mass, motion.middle, *new[:2], motion.inertia)
+            expected[some] = moves.at(x[some]) + decay * (v[some] - motion.at(x[some]))
+            kept[part] = new
+            flown = flight.factor * new.velocity + flight.gain + lift * flight.weight * up
+            turn = 0.01 * random.normal(size=3)
+            after[some] = flown + np.cross(turn, x[some] - motion.middle)
+        np.testing.assert_allclose(solver.velocities.numpy(), expected, atol=2e-6)
+        v = after + 1e-3 * random.normal(size=v.shape)
 
 
 def test_a_part_that_is_not_finite_is_left_alone(device):
