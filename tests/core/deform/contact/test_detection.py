@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 from contact_scenes import box, joined, pressed_balls, two_balls
 
-from deformrf.core.deform import Material, XpbdSolver
+from deformrf.core.deform import FIRST_INTEGRATOR, Material, XpbdOptions, XpbdSolver
 from deformrf.core.deform.contact.boxes import ASLEEP, AWAKE, OUT
 from deformrf.core.deform.contact.clusters import make_clusters
 from deformrf.core.deform.contact.contact import REST_GAP, Contact
 from deformrf.core.deform.contact.detection import DEEP, NO_FACE
 from deformrf.core.deform.contact.surface import exits, make_surface
-from deformrf.core.deform.xpbd_options import DEFAULT_INTEGRATOR, FIRST_INTEGRATOR
 from deformrf.core.geometry import edges
 
 DT = 1.0 / 60.0
@@ -88,8 +87,8 @@ def test_a_plane_counts_once(device, gap):
     rest, tets, _ = joined((vertices, tets), (vertices + step, tets))
     solver = XpbdSolver(rest, tets, Material(), np.zeros(len(rest), bool), device=device)
     contact = Contact(solver.rest_vertices, solver.volumes.vertices, solver._state)
-    most = {}
-    for integrator in (DEFAULT_INTEGRATOR, FIRST_INTEGRATOR, DEFAULT_INTEGRATOR):
+    most, default = {}, XpbdOptions.integrator
+    for integrator in (default, FIRST_INTEGRATOR, default):
         contact.take(integrator)
         contact.find(DT, BOTH, ~BOTH)
         listed, shape = contact._found.numpy(), contact._shape
@@ -100,7 +99,7 @@ def test_a_plane_counts_once(device, gap):
         of_sample = ((faces != NO_FACE) & level[faces]).sum(axis=1)
         most[integrator] = of_sample.max()
         assert of_sample[inner].max() > 0
-    assert most[DEFAULT_INTEGRATOR] == 1 < most[FIRST_INTEGRATOR]
+    assert most[default] == 1 < most[FIRST_INTEGRATOR]
 
 
 def test_bodies_that_are_apart_have_no_contacts(device):
