@@ -32,12 +32,7 @@ from .recovery import Recovery
 from .rest_shape import RestShape
 from .rigid_motion import FreeParts, flight
 from .tangles import Feedback
-from .xpbd_options import (
-    INTEGRATORS,
-    TIME_STEP,
-    Integrator,
-    XpbdOptions,
-)
+from .xpbd_options import INTEGRATORS, TIME_STEP, Integrator, XpbdOptions
 
 EVERYWHERE = slice(None)
 
