@@ -28,7 +28,7 @@ from ..geometry import EDGES, color_order, signed_volumes
 from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
 from .locking import volume_shares
-from .sheets import sheet_ratios
+from .sheets import RATIO, at_poisson_ratio, sheet_ratios
 
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 # A vertex that begins a substep below the ground, because it was held there or the ground came up,
@@ -80,14 +80,14 @@ class EdgeConstraints(ColoredConstraints):
     factors: np.ndarray  # [E] f of the endless lattice
     sheet_ratios: np.ndarray  # [E] f in thin parts over that; 1 elsewhere
 
-    def compliances(self, shear_modulus, thin=True):
+    def compliances(self, shear_modulus, thin=True, poisson_ratio=RATIO):
         """α = L² / (15 μ f V_e) [m/N].  [E]
 
         Args:
-            thin: Whether thin parts have factors of their own.
+            thin: Whether thin parts have factors of their own, which depend on Poisson's ratio.
         """
         alphas = self.rest_values**2 / (15.0 * shear_modulus * self.factors * self.volumes)
-        return alphas / self.sheet_ratios if thin else alphas
+        return alphas / at_poisson_ratio(self.sheet_ratios, poisson_ratio) if thin else alphas
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,8 @@ class Material:
         """
         bulk = self.bulk_modulus
         of_volumes = volumes.compliances(bulk) if bulk > 0 else None
-        return edges.compliances(self.shear_modulus, thin), of_volumes
+        of_edges = edges.compliances(self.shear_modulus, thin, self.held_poisson_ratio)
+        return of_edges, of_volumes
 
     def young_modulus_at(self, stiffness_ratio: float, share_of_bulk_modulus: float = 1.0) -> float:
         """The E that a load meets at r = α/(w h²) [Pa]: E / (1 + (0.53/r)^3.5)^(1/3.5).

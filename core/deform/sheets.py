@@ -26,7 +26,8 @@ from .locking import volume_shares
 from .quadratic import barycentric_slopes, consistent_masses, element_stiffnesses
 from .thin import on_surface, pieces, thinness
 
-RATIO = 0.35  # Poisson's ratio at which sheets are fitted; at 0.25 and 0.45 they err by 3 % more
+RATIO = 0.35  # Poisson's ratio at which sheets are fitted
+SLOPE = 0.25  # of ln f over the ratio: without it sheets sag by 4 % too much at 0.45
 ENDS = np.pi / 2.0 * np.arange(4)  # angles of the clamped ends, about the axis of least size
 FIRST_LAYER = 0.5  # mean edges from the end
 STEPS, LONGEST_STEP, LARGEST = 4, 0.7, 2.0  # of ln f
@@ -82,6 +83,11 @@ def sheet_ratios(vertices, tets, ends, edges_of, lengths):
     thinnest = weights == 1.0
     logs = fitted_logs(springs, thinnest[tets].any(axis=1))
     return ratios * np.exp(thinnest[ends].mean(axis=1) * logs)
+
+
+def at_poisson_ratio(ratios, poisson_ratio):
+    """Ratios that were fitted at RATIO, for another Poisson's ratio.  [E]"""
+    return np.where(ratios == 1.0, 1.0, ratios * np.exp(SLOPE * (poisson_ratio - RATIO)))
 
 
 def fitted_logs(springs: Springs, chosen):

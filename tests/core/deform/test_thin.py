@@ -82,7 +82,7 @@ def test_a_body_of_four_cells_or_more_has_no_thin_edges(body):
     np.testing.assert_array_equal(ratios, 1.0)
 
 
-@pytest.mark.parametrize(("cells", "weight"), [(1.0, 1.0), (1.5, 1.0), (2.0, 0.65), (2.5, 0.65)])
+@pytest.mark.parametrize(("cells", "weight"), [(1.0, 1.0), (1.5, 1.0), (2.0, 0.4), (2.5, 0.4)])
 def test_the_thickness_of_a_sheet_decides_and_not_its_direction(cells, weight):
     mesh = sheet(direction(), cells, np.random.default_rng().uniform(-0.5, 0.5))
     middles = mesh.rest_vertices[edges(mesh.tets)].mean(axis=1)
@@ -145,11 +145,11 @@ def test_the_first_integrator_keeps_the_factors_of_the_endless_lattice(integrato
     solver = XpbdSolver(mesh.rest_vertices, mesh.tets, material, held, start)
     solver.set_options(options)
     thin = integrator != FIRST_INTEGRATOR
-    of_springs = solver.edges.compliances(material.shear_modulus, thin)
+    of_springs, _ = material.compliances(solver.edges, solver.volumes, thin)
     masses = lumped_masses(solver.rest_vertices, solver.tets, material.density)
     scale = solver.edges.weights(1.0 / masses) * (TIME_STEP / options.substep_count) ** 2
     assert solver.stiffness_ratio() == pytest.approx(np.median(of_springs / scale))
-    others = solver.edges.compliances(material.shear_modulus, not thin)
+    others, _ = material.compliances(solver.edges, solver.volumes, not thin)
     assert np.median(others / scale) != pytest.approx(np.median(of_springs / scale))
 
 
