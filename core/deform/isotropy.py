@@ -18,6 +18,12 @@ such moves would soften shears, because not all vertices of A15 are centers of s
 Volume constraints do not move vertices within the cell either, so they add exactly their
 modulus K to λ.  For Kuhn's lattice there is no solution.
 
+A thin sheet of A15 is another lattice, with other factors for the edges between vertices of its
+surface: f^(1 − w) s^w, with s of SHEET_FACTORS and the weight w of thin.py.  They are fitted to
+the bending, stretching and twisting of endless sheets of 1 to 2.5 cells, cut in five directions
+and at all heights, as quadratic finite elements on the same tets have them.  From there sheets.py
+fits each sheet of up to 1.5 cells.
+
 Shapes: E edges of a mesh.
 """
 
@@ -27,14 +33,18 @@ from ..geometry import A15, BCC, KUHN
 
 # f of each of a lattice's squared_lengths.
 FACTORS = {A15: (4 / 25, 8 / 7, 192 / 175), BCC: (9 / 10, 6 / 5), KUHN: (1.0, 1.0, 1.0)}
+SHEET_FACTORS = FACTORS | {A15: (3 / 5, 5 / 8, 1.0)}  # s
 LENGTH_TOLERANCE = 1e-3  # of L²; classes are 20 % apart, float32 vertices 1e-5 of an edge
 LATTICE_SHARE = 0.5  # of a mesh's edges must have the lengths of one lattice
 
 
-def edge_factors(rest_lengths):
-    """f of each edge of a mesh that was cut from a lattice; 1 for edges of no class.  [E]
+def edge_factors(rest_lengths, of_lattices=FACTORS):
+    """The factor of each edge of a mesh that was cut from a lattice; 1 for edges of no class.  [E]
 
     The lengths identify the lattice, so the mesh may be trimmed, scaled and turned.
+
+    Args:
+        of_lattices: FACTORS or SHEET_FACTORS.
     """
     squared = np.asarray(rest_lengths, np.float64) ** 2
     factors, best_share = np.ones(len(squared)), LATTICE_SHARE
@@ -44,7 +54,7 @@ def edge_factors(rest_lengths):
     bins, counts = np.unique(np.rint(np.log(positive) / LENGTH_TOLERANCE), return_counts=True)
     commonest = np.exp(LENGTH_TOLERANCE * bins[counts.argmax()])
     commonest = np.median(positive[np.abs(positive / commonest - 1) < LENGTH_TOLERANCE])
-    for lattice, of_classes in FACTORS.items():
+    for lattice, of_classes in of_lattices.items():
         expected = np.array(lattice.squared_lengths)
         for unit in commonest / expected:
             close = np.abs(squared[:, None] / (unit * expected) - 1) < LENGTH_TOLERANCE

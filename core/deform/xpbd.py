@@ -32,7 +32,13 @@ from .recovery import Recovery
 from .rest_shape import RestShape
 from .rigid_motion import FreeParts, flight
 from .tangles import Feedback
-from .xpbd_options import INTEGRATORS, TIME_STEP, Integrator, XpbdOptions
+from .xpbd_options import (
+    FIRST_INTEGRATOR,
+    INTEGRATORS,
+    TIME_STEP,
+    Integrator,
+    XpbdOptions,
+)
 
 EVERYWHERE = slice(None)
 
@@ -121,7 +127,8 @@ class XpbdSolver:
     def set_material(self, material: Material) -> None:
         """Take another material; positions and velocities stay."""
         self.material = material
-        edges, volumes = material.compliances(self.edges, self.volumes)
+        thin = self.options.integrator != FIRST_INTEGRATOR
+        edges, volumes = material.compliances(self.edges, self.volumes, thin)
         if volumes is not None:
             volumes = self.volumes.softened(volumes, self._stiffness)
         self._compliances = self.edges.softened(edges, self._stiffness), volumes
@@ -154,11 +161,16 @@ class XpbdSolver:
         self._touch()
 
     def set_options(self, options: XpbdOptions) -> None:
-        """Take other options; positions and velocities stay, and colliders that are the same."""
-        if options.colliders != self.options.colliders:
+        """Take other options; positions and velocities stay, and colliders that are the same.
+
+        Another integrator has other compliances: the material's, and its masses, are taken again.
+        """
+        before, self.options = self.options, options
+        if options.colliders != before.colliders:
             self._colliders.put(options.colliders)
-        self.options = options
         self._contact.take(options.integrator)
+        if options.integrator != before.integrator:
+            self.set_material(self.material)
         self._touch()
 
     def move_colliders(self, centers: ArrayLike) -> None:

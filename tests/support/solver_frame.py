@@ -17,6 +17,7 @@ from deformrf.core.definition.solver import (
     project_edges,
     project_volumes,
 )
+from deformrf.core.deform import FIRST_INTEGRATOR
 from deformrf.core.deform.colliders import SPHERE
 from deformrf.core.deform.constraints import (
     LEAVING_SPEED,
@@ -59,7 +60,8 @@ def settings_of(solver, dt):
     w = solver._holds.inverse_masses
     timing = options.timing(dt, material.damping, solver.object_size, integrator.theta)
     sparse = integrator.sparse_floor if solver.volumes.sparse else integrator.floor
-    of_edges, of_volumes = material.compliances(solver.edges, solver.volumes)
+    thin = solver.options.integrator != FIRST_INTEGRATOR
+    of_edges, of_volumes = material.compliances(solver.edges, solver.volumes, thin)
     a_of = {"inverse_masses": w, "reach": timing.reach}
     settings = {
         "timing": timing,

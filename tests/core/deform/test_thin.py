@@ -1,0 +1,182 @@
+"""Thin parts: which edges are thin, that thick bodies have none, and how far sheets bend."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from beams import ball, beam
+from finite_elements import Solid, quadratic
+
+from deformrf.core.deform import (
+    FIRST_INTEGRATOR,
+    INTEGRATORS,
+    TIME_STEP,
+    Material,
+    XpbdOptions,
+    XpbdSolver,
+    edge_constraints,
+    lumped_masses,
+)
+from deformrf.core.deform.thin import on_surface, thinness
+from deformrf.core.geometry import (
+    A15,
+    BCC,
+    KUHN,
+    a15_grid,
+    edges,
+    extract,
+    face_components,
+    tet_neighbours,
+)
+from deformrf.core.geometry.lattice import grid
+from deformrf.wings.lab.dynamics.energy import material_energy
+from deformrf.wings.lab.dynamics.measure import response
+
+SPACING = 1 / 32  # cells of 1/8
+CELL = A15.cell_edge * SPACING
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def direction():
+    normal = np.random.default_rng().normal(size=3)
+    return normal / np.linalg.norm(normal)
+
+
+def sheet(normal, cells, height=0.0, inside=lambda centers: True):
+    """The tets of a15_grid whose centers are in a layer of so many cells about the middle.
+
+    Those at its edges that only hinge on the others are left out.
+    """
+    mesh = a15_grid(SPACING)
+    centers = mesh.rest_vertices[mesh.tets].mean(axis=1) - 0.5
+    kept = np.abs(centers @ normal / CELL - height) < cells / 2
+    mesh = extract(mesh, kept & inside(centers))[0]
+    parts = face_components(tet_neighbours(mesh.tets))
+    return extract(mesh, parts == np.bincount(parts).argmax())[0]
+
+
+def oblong(normal, cells, height=0.0, length=3.0, width=1.5):
+    """A sheet of so many cells; half of its length and width in cells, across the normal."""
+    along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    along /= np.linalg.norm(along)
+    across = np.cross(normal, along)
+
+    def inside(centers):
+        far = np.abs(centers @ np.stack([along, across], axis=1)) / CELL
+        return (far < (length, width)).all(axis=1)
+
+    return sheet(normal, cells, height, inside), along
+
+
+def weights_of(mesh):
+    """Of the edges on the surface; 0 inside.  [E]"""
+    ends, count = edges(mesh.tets), len(mesh.rest_vertices)
+    weights = thinness(mesh.tets, ends, count)[ends].mean(axis=1)
+    return np.where(on_surface(mesh.tets, count)[ends].all(axis=1), weights, 0.0)
+
+
+@pytest.mark.parametrize("body", [beam(A15, 1 / 64).mesh, ball(A15, 1 / 32)], ids=["beam", "ball"])
+def test_a_body_of_four_cells_or_more_has_no_thin_edges(body):
+    assert (weights_of(body) == 0).all()
+    ratios = edge_constraints(body.rest_vertices, body.tets).sheet_ratios
+    np.testing.assert_array_equal(ratios, 1.0)
+
+
+@pytest.mark.parametrize(("cells", "weight"), [(1.0, 1.0), (1.5, 1.0), (2.0, 0.4), (2.5, 0.4)])
+def test_the_thickness_of_a_sheet_decides_and_not_its_direction(cells, weight):
+    mesh = sheet(direction(), cells, np.random.default_rng().uniform(-0.5, 0.5))
+    middles = mesh.rest_vertices[edges(mesh.tets)].mean(axis=1)
+    weights = weights_of(mesh)[(np.abs(middles - 0.5) < 0.5 - CELL).all(axis=1)]
+    assert set(weights) == {0.0, weight}
+
+
+def test_a_brim_is_thin_and_the_ball_that_wears_it_is_not():
+    def inside(centers):
+        away = np.linalg.norm(centers, axis=1)
+        return (away < 0.25) | (np.abs(centers[:, 2]) < CELL / 2)
+
+    mesh = sheet(UP, 8.0, inside=inside)
+    away = np.linalg.norm(mesh.rest_vertices[edges(mesh.tets)].mean(axis=1) - 0.5, axis=1)
+    weights = weights_of(mesh)
+    assert (weights[away < 0.25] == 0).all()
+    assert weights.max() == 1.0
+
+
+def test_a_scaled_sheet_has_the_same_ratios():
+    mesh, _ = oblong(direction(), 1.0)
+    rest = mesh.rest_vertices.astype(np.float64)
+    scaled = (3.7 * rest + 0.3).astype(np.float32).astype(np.float64)
+    one, other = (edge_constraints(x, mesh.tets).sheet_ratios for x in (rest, scaled))
+    np.testing.assert_allclose(np.sort(other), np.sort(one), rtol=0.01)
+    assert len(set(one)) > 100  # each edge has its own
+
+
+def test_the_same_sheet_has_the_same_ratios_to_the_bit():
+    mesh, _ = oblong(direction(), 1.0)
+    one, other = (edge_constraints(mesh.rest_vertices, mesh.tets).sheet_ratios for _ in range(2))
+    np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("lattice", [BCC, KUHN], ids=["bcc", "kuhn"])
+def test_other_lattices_have_no_factors_of_sheets(lattice):
+    mesh = grid(lattice, 0.2)
+    mesh, _ = extract(mesh, mesh.rest_vertices[mesh.tets].mean(axis=1)[:, 2] < 0.25)
+    ratios = edge_constraints(mesh.rest_vertices, mesh.tets).sheet_ratios
+    np.testing.assert_array_equal(ratios, 1.0)
+
+
+def test_thin_parts_can_keep_the_factors_of_the_endless_lattice():
+    mesh, _ = oblong(UP, 1.0)
+    constraints = edge_constraints(mesh.rest_vertices, mesh.tets)
+    of_lattice = constraints.rest_values**2 / (30.0 * constraints.factors * constraints.volumes)
+    np.testing.assert_array_equal(constraints.compliances(2.0, thin=False), of_lattice)
+    ratio = of_lattice / constraints.compliances(2.0)
+    np.testing.assert_allclose(ratio, constraints.sheet_ratios)
+
+
+@pytest.mark.parametrize("later", [False, True], ids=["from the start", "later"])
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_the_first_integrator_keeps_the_factors_of_the_endless_lattice(integrator, later):
+    (mesh, _), material = oblong(UP, 1.0), Material(poisson_ratio=0.25)
+    (other,) = set(INTEGRATORS) - {integrator}
+    options = XpbdOptions(integrator=integrator)
+    held = np.zeros(len(mesh.rest_vertices), bool)
+    start = replace(options, integrator=other) if later else options
+    solver = XpbdSolver(mesh.rest_vertices, mesh.tets, material, held, start)
+    solver.set_options(options)
+    thin = integrator != FIRST_INTEGRATOR
+    of_springs, _ = material.compliances(solver.edges, solver.volumes, thin)
+    masses = lumped_masses(solver.rest_vertices, solver.tets, material.density)
+    scale = solver.edges.weights(1.0 / masses) * (TIME_STEP / options.substep_count) ** 2
+    assert solver.stiffness_ratio() == pytest.approx(np.median(of_springs / scale))
+    others, _ = material.compliances(solver.edges, solver.volumes, not thin)
+    assert np.median(others / scale) != pytest.approx(np.median(of_springs / scale))
+
+
+def too_far(normal, cells, height, ratio, across):
+    """How much farther a sheet sags that is held at an end than quadratic elements, over that.
+
+    Args:
+        across: Whether a long side is held, not a short one.
+    """
+    mesh, along = oblong(normal, cells, height)
+    rest = mesh.rest_vertices
+    heights = rest @ (np.cross(normal, along) if across else along)
+    held = heights < heights.min() + 0.75 * CELL
+    material = Material(1.0, ratio, 1.0)
+    mu = material.shear_modulus
+    energy = material_energy(rest, mesh.tets, material)
+    loads = energy.masses * ~held
+    elements = Solid(quadratic(rest, mesh.tets, held), material.bulk_modulus + mu, mu, 1.0)
+    work = loads @ (elements.sag(normal)[: len(rest)] @ normal)
+    return loads @ (response(energy, rest, held, normal) @ normal) / work - 1.0
+
+
+@pytest.mark.parametrize("across", [False, True], ids=["end", "side"])
+@pytest.mark.parametrize(("cells", "most"), [(1.0, 0.13), (1.5, 0.11), (2.0, 0.13)])
+def test_sheets_sag_like_quadratic_elements(cells, most, across):
+    """Whatever the direction and height of their cut; with a lattice's factors by 40 % less."""
+    random = np.random.default_rng()
+    for normal, ratio in (UP, 0.25), (direction(), 0.45):
+        error = too_far(normal, cells, random.uniform(-0.5, 0.5), ratio, across)
+        assert abs(error) < most
