@@ -117,13 +117,17 @@ def prepare(field, name: str, device: str, progress: Progress):
 def _warm_up(scene):
     """Take a step with and one without a handle, so that all that steps need is loaded.
 
-    And what bones need, if the model has some: the first pose would wait for a compiler.
+    And what bones need, if the model has some: the first pose would wait for a compiler.  Thin
+    parts are fitted beside the first frames; nothing needs them before it moves.
     """
     solver = scene.solver
     if scene.rigging.bone_count:
         wp.load_module(Skinner.__module__, solver.device)
+    solver.set_compliances(*solver.material.compliances(solver.edges, solver.volumes))
     solver.grab(np.flatnonzero(~solver.pinned)[:1])
     solver.step(TIME_STEP)
     solver.release()
     solver.step(TIME_STEP)  # it also counts tangles
+    solver.set_material(solver.material)
     solver.reset()
+    solver.edges.sheet_ratios.begin()

@@ -28,7 +28,7 @@ from ..geometry import EDGES, color_order, signed_volumes
 from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
 from .locking import volume_shares
-from .sheets import RATIO, at_poisson_ratio, sheet_ratios
+from .sheets import SheetRatios, sheet_ratios
 
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 # A vertex that begins a substep below the ground, because it was held there or the ground came up,
@@ -78,16 +78,11 @@ class EdgeConstraints(ColoredConstraints):
 
     volumes: np.ndarray  # [E] V_e, a sixth of the volume of the tets around the edge
     factors: np.ndarray  # [E] f of the endless lattice
-    sheet_ratios: np.ndarray  # [E] f in thin parts over that; 1 elsewhere
+    sheet_ratios: SheetRatios  # what thin parts have instead, over f
 
-    def compliances(self, shear_modulus, thin=True, poisson_ratio=RATIO):
-        """α = L² / (15 μ f V_e) [m/N].  [E]
-
-        Args:
-            thin: Whether thin parts have factors of their own, which depend on Poisson's ratio.
-        """
-        alphas = self.rest_values**2 / (15.0 * shear_modulus * self.factors * self.volumes)
-        return alphas / at_poisson_ratio(self.sheet_ratios, poisson_ratio) if thin else alphas
+    def compliances(self, shear_modulus):
+        """α = L² / (15 μ f V_e), if the lattice were endless [m/N].  [E]"""
+        return self.rest_values**2 / (15.0 * shear_modulus * self.factors * self.volumes)
 
 
 @dataclass(frozen=True)
@@ -129,7 +124,6 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
     volumes = np.maximum(volumes, SMALLEST_SHARE * volumes.mean())
     lengths = np.linalg.norm(np.diff(rest_vertices[ends], axis=1)[:, 0], axis=1)
     factors = edge_factors(lengths)
-    ratios = sheet_ratios(rest_vertices, tets, ends, edge_of.reshape(-1, 6), lengths)
     short, far = hinge_braces(rest_vertices, tets, lengths.mean())
     # A long brace is as stiff as a mean edge: its ends could not bear more.
     spans = np.linalg.norm(np.diff(rest_vertices[far], axis=1)[:, 0], axis=1)
@@ -137,13 +131,15 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
         np.full(len(short), SHORT_VOLUME), LONG_STIFFNESS * (spans / lengths.mean()) ** 2
     )
     volumes = np.append(volumes, of_braces * volumes.mean())
+    of_tets = rest_vertices, tets, ends, edge_of.reshape(-1, 6), lengths
     ends = np.concatenate([ends, short, far])
-    factors, ratios = (np.append(each, np.ones(len(of_braces))) for each in (factors, ratios))
+    factors = np.append(factors, np.ones(len(of_braces)))
     order, offsets, classes = color_order(ends, rest_vertices)
-    ends, volumes, factors, ratios = (each[order] for each in (ends, volumes, factors, ratios))
+    ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
-    return EdgeConstraints(*common, volumes, factors, ratios)
+    thin = SheetRatios(lambda: np.append(sheet_ratios(*of_tets), np.ones(len(of_braces)))[order])
+    return EdgeConstraints(*common, volumes, factors, thin)
 
 
 def volume_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> VolumeConstraints:

@@ -73,17 +73,12 @@ class Material:
         return self.shear_modulus * (4.0 * ratio - 1.0) / (1.0 - 2.0 * ratio)
 
     def compliances(
-        self, edges: EdgeConstraints, volumes: VolumeConstraints, thin: bool = True
+        self, edges: EdgeConstraints, volumes: VolumeConstraints
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0.
-
-        Args:
-            thin: Whether thin parts have factors of their own (isotropy.py).
-        """
+        """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0."""
         bulk = self.bulk_modulus
         of_volumes = volumes.compliances(bulk) if bulk > 0 else None
-        of_edges = edges.compliances(self.shear_modulus, thin, self.held_poisson_ratio)
-        return of_edges, of_volumes
+        return edges.compliances(self.shear_modulus), of_volumes
 
     def young_modulus_at(self, stiffness_ratio: float, share_of_bulk_modulus: float = 1.0) -> float:
         """The E that a load meets at r = α/(w h²) [Pa]: E / (1 + (0.53/r)^3.5)^(1/3.5).

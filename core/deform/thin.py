@@ -18,9 +18,9 @@ import numpy as np
 
 from ..geometry import boundary_faces, face_components, tet_neighbours
 
-WEIGHTS = (1.0, 1.0, 0.4)  # at the greatest depths 0, 1, 2; none where it is 3 or more
+WEIGHTS = (1.0, 1.0, 0.5)  # at the greatest depths 0, 1, 2; none where it is 3 or more
 LEAST_TETS = 60  # of a piece: a smaller one has no layers to clamp
-MOST_TETS = 1200  # of a piece, before its margin: the time to fit it grows with its width cubed
+MOST_TETS = 4000  # of a piece, before its margin: the time to fit it grows with its width cubed
 MARGIN = 8  # rings of tets around a piece that are fitted with it, as its ends are clamped or free
 WITH_MARGIN = 1.5  # times its tets a piece gets no further ring: many small ones stay cheap
 

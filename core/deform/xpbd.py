@@ -126,9 +126,8 @@ class XpbdSolver:
 
     def set_material(self, material: Material) -> None:
         """Take another material; positions and velocities stay."""
-        self.material = material
-        thin = self.options.integrator != FIRST_INTEGRATOR
-        edges, volumes = material.compliances(self.edges, self.volumes, thin)
+        self.material, self._given = material, False
+        edges, volumes = material.compliances(self.edges, self.volumes)
         if volumes is not None:
             volumes = self.volumes.softened(volumes, self._stiffness)
         self._compliances = self.edges.softened(edges, self._stiffness), volumes
@@ -141,6 +140,17 @@ class XpbdSolver:
         self._stiffness = np.ones(count) if factors is None else checks.factors(factors, count)
         self.set_material(self.material)
 
+    @property
+    def compliances(self) -> tuple[ArrayLike, ArrayLike | None]:
+        """α of the edges [m/N] and volumes [m⁵/N]; set_compliances() changes them.  [E], [T]
+
+        Where the mesh is thin, the first call takes seconds (sheets.py).
+        """
+        edges, volumes = self._compliances
+        if self._given or self.options.integrator == FIRST_INTEGRATOR:
+            return edges, volumes
+        return edges / self.edges.sheet_ratios.at(self.material.held_poisson_ratio), volumes
+
     def set_compliances(self, edges: ArrayLike, volumes: ArrayLike | None) -> None:
         """Take these instead of the material's, until set_material is called.
 
@@ -151,7 +161,7 @@ class XpbdSolver:
         edge_alphas = checks.compliances(edges, len(self.edges.vertices), "edges")
         if volumes is not None:
             volumes = checks.compliances(volumes, len(self.volumes.vertices), "volumes")
-        self._compliances = edge_alphas, volumes
+        self._compliances, self._given = (edge_alphas, volumes), True
         self._guard.take(None)
         self._touch()
 
@@ -161,16 +171,11 @@ class XpbdSolver:
         self._touch()
 
     def set_options(self, options: XpbdOptions) -> None:
-        """Take other options; positions and velocities stay, and colliders that are the same.
-
-        Another integrator has other compliances: the material's, and its masses, are taken again.
-        """
-        before, self.options = self.options, options
-        if options.colliders != before.colliders:
+        """Take other options; positions and velocities stay, and colliders that are the same."""
+        if options.colliders != self.options.colliders:
             self._colliders.put(options.colliders)
+        self.options = options
         self._contact.take(options.integrator)
-        if options.integrator != before.integrator:
-            self.set_material(self.material)
         self._touch()
 
     def move_colliders(self, centers: ArrayLike) -> None:
@@ -433,7 +438,7 @@ class XpbdSolver:
         w, reach = self._holds.inverse_masses, timing.reach
         movable = (self._holds.free_inverse_masses > 0) & ~self.pinned
         movable &= self._active[self._part_of]
-        of_edges, of_volumes = self._compliances
+        of_edges, of_volumes = self.compliances
         of_constraints = of_edges, self._guard.guarded(of_volumes)
         sparse = integrator.sparse_floor if self.volumes.sparse else integrator.floor
         floors = integrator.floor, np.where(self._guard.guards, integrator.floor, sparse)

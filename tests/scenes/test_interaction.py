@@ -176,17 +176,15 @@ def test_given_compliances_hold_until_the_material_is_set(device):
     material = Material(poisson_ratio=0.4)
     one, other = (solver(ONE, foot(ONE), device, material) for _ in range(2))
     other.set_material(Material(young_modulus=1e3, poisson_ratio=0.25))
-    other.set_compliances(
-        one.edges.compliances(material.shear_modulus),
-        one.volumes.compliances(material.bulk_modulus),
-    )
+    other.set_compliances(*one.compliances)
     other.grab(head(ONE))
     one.grab(head(ONE))
     for x in (one, other):
         x.move(x.rest_vertices[head(ONE)] + 0.02)
         run(x, 0.3)
     np.testing.assert_array_equal(positions(one), positions(other))
-    assert one.stiffness_ratio() == other.stiffness_ratio()
+    given, taken = (np.median(x.compliances[0]) for x in (one, other))
+    assert given == taken
     other.set_compliances(0.0, None)
     assert other.stiffness_ratio() == 0.0
     other.set_material(material)
@@ -209,7 +207,7 @@ def test_a_body_sags_by_the_held_modulus(device, ratio):
     assert x.held_young_modulus() < 0.4 * modulus
     soft, stiff, stiffest = sags
     assert stiff == pytest.approx(soft, rel=0.15)
-    assert 0.55 * soft < stiffest < 1.15 * soft  # all at the floor: stiffer than stated on a column
+    assert 0.5 * soft < stiffest < 1.15 * soft  # all at the floor: stiffer than stated on a column
 
 
 @pytest.mark.parametrize("modulus", [1e7, 1e8])

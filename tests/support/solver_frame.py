@@ -60,8 +60,9 @@ def settings_of(solver, dt):
     w = solver._holds.inverse_masses
     timing = options.timing(dt, material.damping, solver.object_size, integrator.theta)
     sparse = integrator.sparse_floor if solver.volumes.sparse else integrator.floor
-    thin = solver.options.integrator != FIRST_INTEGRATOR
-    of_edges, of_volumes = material.compliances(solver.edges, solver.volumes, thin)
+    of_edges, of_volumes = material.compliances(solver.edges, solver.volumes)
+    if options.integrator != FIRST_INTEGRATOR:
+        of_edges = of_edges / solver.edges.sheet_ratios.at(material.held_poisson_ratio)
     a_of = {"inverse_masses": w, "reach": timing.reach}
     settings = {
         "timing": timing,

