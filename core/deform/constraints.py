@@ -27,8 +27,9 @@ from ..definition.solver import (
 from ..geometry import EDGES, color_order, signed_volumes
 from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
+from .kept_ratios import SheetRatios
 from .locking import volume_shares
-from .sheets import SheetRatios, sheet_ratios
+from .sheets import sheet_ratios
 
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 # A vertex that begins a substep below the ground, because it was held there or the ground came up,
@@ -138,7 +139,10 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
-    thin = SheetRatios(lambda: np.append(sheet_ratios(*of_tets), np.ones(len(of_braces)))[order])
+    of_mesh = rest_vertices, tets
+    thin = SheetRatios(
+        lambda: np.append(sheet_ratios(*of_tets), np.ones(len(of_braces)))[order], *of_mesh
+    )
     return EdgeConstraints(*common, volumes, factors, thin)
 
 

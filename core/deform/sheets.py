@@ -15,9 +15,7 @@ Units: the shear modulus and the density are 1.
 Shapes: V vertices, E edges, T tets, P clamps.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from threading import Lock, Thread
 
 import numpy as np
 
@@ -31,7 +29,6 @@ from .thin import on_surface, pieces, thinness
 RATIO = 0.35  # Poisson's ratio at which sheets are fitted
 SLOPE = 0.25  # of ln f over the ratio: without it sheets sag by 4 % too much at 0.45
 ENDS = np.pi / 2.0 * np.arange(4)  # angles of the clamped ends, about the axis of least size
-LONG_ENDS = ENDS[::2]  # enough for 2 cells: there the other two cost more than they gain
 FIRST_LAYER = 0.5  # mean edges from the end
 STEPS, LONGEST_STEP, LARGEST = 4, 0.7, 2.0  # of ln f
 RIDGE = 0.003  # what a change of ln f costs, beside a relative error of work
@@ -63,24 +60,9 @@ class Springs:
         return Springs(self.vertices[vertices], *shapes, *values), edges
 
 
-class SheetRatios:
-    """sheet_ratios of one mesh, which take seconds: worked out when somebody needs them first."""
-
-    def __init__(self, fit: Callable[[], np.ndarray]):
-        self._fit, self._values, self._lock = fit, None, Lock()
-
-    def begin(self) -> None:
-        """Work them out in a thread of their own."""
-        if self._values is None:
-            Thread(target=self.at, args=(RATIO,), name="thin parts", daemon=True).start()
-
-    def at(self, poisson_ratio: float) -> np.ndarray:
-        """For a material of this Poisson's ratio.  [E]"""
-        with self._lock:
-            if self._values is None:
-                self._values, self._fit = self._fit(), None
-        change = np.exp(SLOPE * (poisson_ratio - RATIO))
-        return np.where(self._values == 1.0, 1.0, change * self._values)
+def at_poisson_ratio(ratios, poisson_ratio):
+    """Ratios that were fitted at RATIO, for another Poisson's ratio.  [E]"""
+    return np.where(ratios == 1.0, 1.0, ratios * np.exp(SLOPE * (poisson_ratio - RATIO)))
 
 
 def sheet_ratios(vertices, tets, ends, edges_of, lengths):
@@ -106,36 +88,30 @@ def sheet_ratios(vertices, tets, ends, edges_of, lengths):
     shares = volume_shares(vertices, tets, volumes[solid])
     springs = Springs(vertices, tets, ends, edges_of, of_lattice * ratios, shares)
     thin = weights > 0.0
-    logs = fitted_logs(springs, thin[tets].any(axis=1), (weights == 1.0)[tets].all(axis=1))
+    logs = fitted_logs(springs, thin[tets].any(axis=1))
     return ratios * np.exp(thin[ends].mean(axis=1) * logs)
 
 
-def fitted_logs(springs: Springs, chosen, thinnest):
+def fitted_logs(springs: Springs, chosen):
     """ln f of each edge over that at the start; 0 for edges of no chosen tet.  [E]
 
     Args:
         chosen: [T] bool
-        thinnest: Which tets are in a part of 1 to 1.5 cells.  [T] bool
     """
     total, count = np.zeros((2, len(springs.ends)))
     for tets, own in pieces(springs.tets, springs.vertices[springs.tets].mean(axis=1), chosen):
         part, edges = springs.part(tets)
         inner = np.unique(part.edges_of[own])
-        ends = ENDS if thinnest[tets[own]].mean() > 0.5 else LONG_ENDS
-        total[edges[inner]] += fit(part, ends)[inner]
+        total[edges[inner]] += fit(part)[inner]
         count[edges[inner]] += 1.0
     return np.round(total / np.maximum(count, 1.0), DECIMALS)
 
 
-def fit(springs: Springs, ends):
-    """ln f of each edge over that at the start.  [E]
-
-    Args:
-        ends: The angles of those to clamp.
-    """
+def fit(springs: Springs):
+    """ln f of each edge over that at the start.  [E]"""
     logs = np.zeros(len(springs.ends))
     cases = []
-    for layers in clamped_ends(springs, ends):
+    for layers in clamped_ends(springs):
         goal = quadratic_works(springs, layers)
         ours, _ = spring_works(springs, logs, layers)
         own, others = np.einsum("pii->pi", ours), np.einsum("pii->pi", goal)
@@ -165,12 +141,12 @@ def _errors(springs, logs, layers, goal, bends):
     return (gaps[:, FIRST, SECOND] * TWICE).ravel(), slopes
 
 
-def clamped_ends(springs, ends):
+def clamped_ends(springs):
     """For each end the layer of each vertex, counted from there.  [V] int each"""
     offsets = springs.vertices - springs.vertices.mean(axis=0)
     axes = np.linalg.eigh(offsets.T @ offsets)[1]
     length = np.linalg.norm(np.diff(springs.vertices[springs.ends], axis=1), axis=2).mean()
-    for angle in ends:
+    for angle in ENDS:
         along = offsets @ (np.cos(angle) * axes[:, 2] + np.sin(angle) * axes[:, 1])
         layers = count_layers(springs.ends, along <= along.min() + FIRST_LAYER * length)
         if layers.max() > 0:

@@ -1,0 +1,81 @@
+"""Ratios of thin parts are fitted once: at first need, from any thread, and not if a file has them."""
+
+import os
+
+import numpy as np
+import pytest
+
+from deformrf.core.deform import kept_ratios, sheets
+from deformrf.core.deform.kept_ratios import SheetRatios
+
+REST, TETS = np.eye(4, 3), np.arange(4)[None]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_ratios, "folder", lambda: tmp_path / "thin")
+    monkeypatch.setattr(kept_ratios, "LEAST_SECONDS", -1.0)
+    return tmp_path / "thin"
+
+
+def fitted(values, rest=REST, tets=TETS):
+    """Ratios, and how often they were fitted."""
+    calls = []
+
+    def fit():
+        calls.append(1)
+        return np.array(values)
+
+    return SheetRatios(fit, rest, tets), calls
+
+
+def test_they_follow_poissons_ratio_where_the_mesh_is_thin(folder):
+    ratios, _ = fitted([1.0, 0.5, 2.0])
+    assert ratios.at(sheets.RATIO).tolist() == [1.0, 0.5, 2.0]
+    change = np.exp(sheets.SLOPE * 0.1)
+    np.testing.assert_allclose(ratios.at(sheets.RATIO + 0.1), [1.0, 0.5 * change, 2.0 * change])
+
+
+def test_they_are_fitted_once_whoever_asks(folder):
+    ratios, calls = fitted([0.5])
+    for _ in range(5):
+        ratios.begin()
+        assert ratios.at(sheets.RATIO).tolist() == [0.5]
+    assert len(calls) == 1
+
+
+def test_a_file_has_them_for_this_mesh_alone(folder):
+    fitted([0.25, 4.0])[0].at(0.3)
+    again, calls = fitted([9.0, 9.0])
+    assert again.at(sheets.RATIO).tolist() == [0.25, 4.0] and not calls
+    assert fitted([7.0, 7.0], rest=2.0 * REST)[0].at(sheets.RATIO).tolist() == [7.0, 7.0]
+    assert fitted([8.0, 8.0], tets=TETS[:, ::-1])[0].at(sheets.RATIO).tolist() == [8.0, 8.0]
+
+
+@pytest.mark.parametrize("cut", [0, 20, 40, -1])
+def test_a_damaged_file_is_not_believed(folder, cut):
+    fitted([0.25, 4.0])[0].at(0.3)
+    (path,) = folder.iterdir()
+    path.write_bytes(path.read_bytes()[:cut] + b"?")
+    again, calls = fitted([0.5, 2.0])
+    assert again.at(sheets.RATIO).tolist() == [0.5, 2.0] and calls
+    third, calls = fitted([9.0, 9.0])
+    assert third.at(sheets.RATIO).tolist() == [0.5, 2.0] and not calls
+
+
+def test_without_a_folder_they_are_fitted_again(folder):
+    folder.write_text("a file")
+    for _ in range(2):
+        ratios, calls = fitted([0.5])
+        assert ratios.at(sheets.RATIO).tolist() == [0.5] and calls
+
+
+def test_the_oldest_files_go(folder, monkeypatch):
+    monkeypatch.setattr(kept_ratios, "MOST_FILES", 3)
+    for k in range(5):
+        fitted([float(k)], rest=REST + k)[0].at(0.3)
+        for path in folder.iterdir():
+            os.utime(path, ns=(path.stat().st_mtime_ns - 10**9,) * 2)
+    assert len(list(folder.iterdir())) == 3
+    assert fitted([9.0], rest=REST + 4)[0].at(sheets.RATIO).tolist() == [4.0]
+    assert fitted([9.0], rest=REST)[0].at(sheets.RATIO).tolist() == [9.0]
