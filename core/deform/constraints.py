@@ -139,10 +139,11 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
-    of_mesh = rest_vertices, tets
-    thin = SheetRatios(
-        lambda: np.append(sheet_ratios(*of_tets), np.ones(len(of_braces)))[order], *of_mesh
-    )
+    def fit():
+        none = np.stack([np.ones(len(of_braces)), np.zeros(len(of_braces))])
+        return np.concatenate([sheet_ratios(*of_tets), none], axis=1)[:, order]
+
+    thin = SheetRatios(fit, rest_vertices, tets)
     return EdgeConstraints(*common, volumes, factors, thin)
 
 

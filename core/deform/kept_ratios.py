@@ -42,7 +42,8 @@ class SheetRatios:
         with self._lock:
             if self._values is None:
                 self._values = self._work_out()
-        return sheets.at_poisson_ratio(self._values, poisson_ratio)
+        ratios, slopes = self._values
+        return ratios * np.exp(slopes * (poisson_ratio - sheets.RATIO))
 
     def _work_out(self):
         path = self._path()
@@ -76,7 +77,7 @@ def _read(path):
         return None
     if hashlib.sha256(content[DIGEST:]).digest() != content[:DIGEST]:
         return None
-    return np.frombuffer(content[DIGEST:])
+    return np.frombuffer(content[DIGEST:]).reshape(2, -1)
 
 
 def _write(path, values):

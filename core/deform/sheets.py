@@ -27,7 +27,7 @@ from .quadratic import barycentric_slopes, consistent_masses, element_stiffnesse
 from .thin import on_surface, pieces, thinness
 
 RATIO = 0.35  # Poisson's ratio at which sheets are fitted
-SLOPE = 0.25  # of ln f over the ratio: without it sheets sag by 4 % too much at 0.45
+SLOPE = 0.25  # of ln f over the ratio: without it a cell sags by 2.5 % too much at 0.45
 ENDS = np.pi / 2.0 * np.arange(4)  # angles of the clamped ends, about the axis of least size
 FIRST_LAYER = 0.5  # mean edges from the end
 STEPS, LONGEST_STEP, LARGEST = 4, 0.7, 2.0  # of ln f
@@ -60,15 +60,11 @@ class Springs:
         return Springs(self.vertices[vertices], *shapes, *values), edges
 
 
-def at_poisson_ratio(ratios, poisson_ratio):
-    """Ratios that were fitted at RATIO, for another Poisson's ratio.  [E]"""
-    return np.where(ratios == 1.0, 1.0, ratios * np.exp(SLOPE * (poisson_ratio - RATIO)))
-
-
 def sheet_ratios(vertices, tets, ends, edges_of, lengths):
-    """The factor of each edge where the mesh is thin over that of its lattice, 1 elsewhere.  [E]
+    """The factor of each edge where the mesh is thin over that of its lattice, 1 elsewhere.
 
-    They are those of a material of RATIO.
+    Returns:
+        Those at RATIO, and how their logarithms grow with Poisson's ratio.  [2, E]
 
     Args:
         ends: [E, 2]
@@ -79,7 +75,7 @@ def sheet_ratios(vertices, tets, ends, edges_of, lengths):
     ratios = edge_factors(lengths, SHEET_FACTORS) / of_lattice
     weights = thinness(tets, ends, len(vertices))
     if (ratios == 1.0).all() or not weights.any():
-        return np.ones(len(ends))
+        return np.stack([np.ones(len(ends)), np.zeros(len(ends))])
     outer = on_surface(tets, len(vertices))[ends].all(axis=1)
     ratios **= np.where(outer, weights[ends].mean(axis=1), 0.0)
     volumes = np.abs(signed_volumes(vertices, tets))
@@ -89,7 +85,8 @@ def sheet_ratios(vertices, tets, ends, edges_of, lengths):
     springs = Springs(vertices, tets, ends, edges_of, of_lattice * ratios, shares)
     thin = weights > 0.0
     logs = fitted_logs(springs, thin[tets].any(axis=1))
-    return ratios * np.exp(thin[ends].mean(axis=1) * logs)
+    slopes = SLOPE * (weights == 1.0)[ends].mean(axis=1)
+    return np.stack([ratios * np.exp(thin[ends].mean(axis=1) * logs), slopes])
 
 
 def fitted_logs(springs: Springs, chosen):

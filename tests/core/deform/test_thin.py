@@ -74,7 +74,7 @@ def ratios_of(mesh, rest=None):
         np.sort(mesh.tets[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True
     )
     lengths = np.linalg.norm(np.diff(rest[ends], axis=1)[:, 0], axis=1)
-    return sheet_ratios(rest, mesh.tets, ends, edges_of.reshape(-1, 6), lengths)
+    return sheet_ratios(rest, mesh.tets, ends, edges_of.reshape(-1, 6), lengths)[0]
 
 
 def weights_of(mesh):
