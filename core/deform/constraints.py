@@ -139,6 +139,7 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
+
     def fit():
         none = np.stack([np.ones(len(of_braces)), np.zeros(len(of_braces))])
         return np.concatenate([sheet_ratios(*of_tets), none], axis=1)[:, order]

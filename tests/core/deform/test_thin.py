@@ -1,6 +1,7 @@
 """Thin parts: which edges are thin, that thick bodies have none, and how far sheets bend."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -157,30 +158,35 @@ def test_the_first_integrator_keeps_the_factors_of_the_endless_lattice(integrato
     np.testing.assert_array_equal(solver.compliances[0], found)
 
 
-def too_far(normal, cells, height, ratio, across):
-    """How much farther a sheet sags that is held at an end than quadratic elements, over that.
+def too_far(normal, cells, height, ratio):
+    """How much farther a sheet sags than quadratic elements, over that: fitted, as a lattice.
 
-    Args:
-        across: Whether a long side is held, not a short one.
+    Returns:
+        An end or a long side is held, to three depths.  [6] each
     """
     mesh, along = oblong(normal, cells, height)
-    rest = mesh.rest_vertices
-    heights = rest @ (np.cross(normal, along) if across else along)
-    held = heights < heights.min() + 0.75 * CELL
-    material = Material(1.0, ratio, 1.0)
-    mu = material.shear_modulus
-    energy = material_energy(rest, mesh.tets, material)
-    loads = energy.masses * ~held
-    elements = Solid(quadratic(rest, mesh.tets, held), material.bulk_modulus + mu, mu, 1.0)
-    work = loads @ (elements.sag(normal)[: len(rest)] @ normal)
-    return loads @ (response(energy, rest, held, normal) @ normal) / work - 1.0
+    rest, material = mesh.rest_vertices, Material(1.0, ratio, 1.0)
+    mu, fitted = material.shear_modulus, material_energy(mesh.rest_vertices, mesh.tets, material)
+    edges = edge_constraints(rest, mesh.tets)
+    of_lattice = replace(fitted, stiffnesses=fitted.stiffnesses / edges.sheet_ratios.at(ratio))
+    errors = []
+    for axis, depth in product((along, np.cross(normal, along)), (0.3, 0.75, 1.3)):
+        held = rest @ axis < (rest @ axis).min() + depth * CELL
+        loads = fitted.masses * ~held
+        elements = Solid(quadratic(rest, mesh.tets, held), material.bulk_modulus + mu, mu, 1.0)
+        work = loads @ (elements.sag(normal)[: len(rest)] @ normal)
+        works = [loads @ (response(x, rest, held, normal) @ normal) for x in (fitted, of_lattice)]
+        errors.append(np.array(works) / work - 1.0)
+    return np.transpose(errors)
 
 
-@pytest.mark.parametrize("across", [False, True], ids=["end", "side"])
-@pytest.mark.parametrize(("cells", "most"), [(1.0, 0.13), (1.5, 0.11), (2.0, 0.13)])
-def test_sheets_sag_like_quadratic_elements(cells, most, across):
-    """Whatever the direction and height of their cut; with a lattice's factors by 40 % less."""
+@pytest.mark.parametrize(("cells", "most"), [(1.0, 0.09), (1.5, 0.06), (2.0, 0.06)])
+def test_sheets_sag_like_quadratic_elements(cells, most):
+    """Whatever the direction and height of their cut; some clamps are off by up to 0.2."""
     random = np.random.default_rng()
-    for normal, ratio in (UP, 0.25), (direction(), 0.45):
-        error = too_far(normal, cells, random.uniform(-0.5, 0.5), ratio, across)
-        assert abs(error) < most
+    heights = random.uniform(-0.5, 0.5, 2)
+    cases = zip((UP, direction()), heights, (0.25, 0.45), strict=True)
+    fitted, of_lattice = np.abs([too_far(n, cells, h, ratio) for n, h, ratio in cases]).mean(
+        axis=(0, 2)
+    )
+    assert fitted < min(most, 0.75 * of_lattice)
