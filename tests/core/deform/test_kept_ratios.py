@@ -1,4 +1,4 @@
-"""Ratios of thin parts are fitted once: at first need, from any thread, and not if a file has them."""
+"""Ratios of thin parts are fitted once: at first need, in any thread, if no file has them."""
 
 import os
 
