@@ -1,14 +1,13 @@
 r"""What the rule gives for several models together: the defaults of a device.
 
 python tests/benchmarks/defaults.py docs/report/*-h100/report.json \
-    --errors docs/report/*/report.json --images docs/report/earlier_images.json \
-    --meshes docs/report/earlier_meshes.json
+    --errors docs/report/*/report.json --images docs/report/earlier_images.json
 
 Times are those of the first reports, one of each model, all on one device, over the default's in
 the same turn.  Errors are a matter of the setting and not of the device.  Of images the worst of
 the reports behind --errors counts, by default that of the first ones; of substeps the worst of the
-first ones.  --images and --meshes have errors of further models, of which no report is kept.  Each
-model has its own errors, and a user's is none of ours.
+first ones.  --images has errors of further models, of which no report is kept.  Each model has its
+own errors, and a user's is none of ours.
 Ends with 1 if the program's defaults are not what the rule gives.
 """
 
@@ -59,18 +58,11 @@ def rendering_choice(reports, judged):
 
 
 def substeps_choice(judged):
-    """The least number of substeps that is within the bound for every model; None if none is.
-
-    Reports that don't have the default number are older than it, and don't count.
-    """
-    default, worst = XpbdOptions().substep_count, {}
-    given = len(judged)
-    judged = [report for report in judged if any(row["count"] == default for row in steps(report))]
-    print(f"substeps by {len(judged)} of {given} reports; the others are older than the default")
+    """The least number of substeps that is within the bound for every model; None if none is."""
+    worst = {}
     for report in judged:
         for row in steps(report):
-            if row.get("compliance", "material") == "material":
-                worst.setdefault(row["count"], []).append(row["of_motion"])
+            worst.setdefault(row["count"], []).append(row["of_motion"])
     counts = sorted(count for count, errors in worst.items() if len(errors) == 2 * len(judged))
     errors = [max(worst[count]) for count in counts]
     bound = 100.0 * dynamics.BOUND
@@ -98,20 +90,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("reports", nargs="+", type=Path, help="report.json of each model")
     parser.add_argument("--errors", nargs="+", type=Path, help="those whose images count")
-    parser.add_argument("--meshes", type=Path, help="dynamics of further meshes")
     parser.add_argument("--images", type=Path, help="images of further models")
     arguments = parser.parse_args()
     reports = read(arguments.reports)
     judged = read(arguments.errors or arguments.reports)
     print("times of:", "; ".join(f"{r['facts']['model']}, {r['facts']['device']}" for r in reports))
-    images, meshes = (
-        json.loads(path.read_text()) if path else []
-        for path in (arguments.images, arguments.meshes)
-    )
-    chosen = (
-        rendering_choice(reports, [*judged, *images]),
-        substeps_choice([*reports, *meshes]),
-    )
+    images = json.loads(arguments.images.read_text()) if arguments.images else []
+    chosen = rendering_choice(reports, [*judged, *images]), substeps_choice(reports)
     sys.exit(chosen != ("default", XpbdOptions().substep_count))
 
 

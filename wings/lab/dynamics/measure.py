@@ -30,7 +30,7 @@ from .references import equilibrium, factorize, free_dofs, motion
 
 SCENES = ("static", "dynamic")
 PUSH = 0.05  # of the size
-BOUND = 0.01  # of the motion, in both scenes
+BOUND = 0.0025  # of the motion, in both scenes
 SOFTEST = 1e-12  # of the stiffest pivot: what rounding leaves of no stiffness
 ASIDE = np.array([1.0, 0.0, 0.0])
 MOTION_FRAMES = 12  # 0.2 s

@@ -51,13 +51,15 @@ def row(scene, count, of_motion):
 @pytest.mark.parametrize(
     "static, dynamic, count",
     [
-        ((0.05, 0.02, 0.005, 0.001), (0.03, 0.01, 0.005, 0.002), 20),
-        ((0.009, 0.002, 0.001, 0.0001), (0.09, 0.05, 0.02, 0.01), 40),
-        ((0.001, 0.001, 0.001, 0.001), (0.01, 0.01, 0.01, 0.01), 5),
-        ((0.001, 0.001, 0.001, 0.001), (0.04, 0.03, 0.02, 0.011), None),
+        ((5.0, 2.0, 0.5, 0.1), (3.0, 1.0, 0.5, 0.2), 20),
+        ((0.9, 0.2, 0.1, 0.01), (9.0, 5.0, 2.0, 1.0), 40),
+        ((0.1, 0.1, 0.1, 0.1), (1.0, 1.0, 1.0, 1.0), 5),
+        ((0.1, 0.1, 0.1, 0.1), (4.0, 3.0, 2.0, 1.1), None),
     ],
 )
 def test_the_least_count_that_holds_both_scenes_is_chosen(static, dynamic, count):
+    """Errors over the bound."""
+    static, dynamic = (BOUND * np.array(errors) for errors in (static, dynamic))
     errors = zip((5, 10, 20, 40), static, dynamic, strict=True)
     rows = [row(s, n, e) for n, *both in errors for s, e in zip(SCENES, both, strict=True)]
     assert dynamics.chosen_count(rows) == count
