@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from report_tables import DEVICES, MODELS
 
 ROOT = Path(__file__).parents[1]
 REPORTS = ROOT / "docs" / "report"
@@ -23,10 +24,10 @@ def run(*arguments):
     )
 
 
-@pytest.mark.parametrize("device", ["h100", "cpu"])
+@pytest.mark.parametrize("device", DEVICES)
 def test_defaults_are_what_the_rule_gives(device):
     """With each device's own times, and the worst errors of images and of meshes."""
-    timed = [REPORTS / f"{name}-{device}" / "report.json" for name in ("helmet", "chair", "foxrig")]
+    timed = [REPORTS / f"{name}-{device}" / "report.json" for name in MODELS]
     images = REPORTS / "earlier_images.json"
     judged = sorted(REPORTS.glob("*/report.json"))
     ended = run(*timed, "--errors", *judged, "--images", images)

@@ -47,6 +47,26 @@ class HeldStiffness:
     volumes: np.ndarray  # α and w̄ [m⁵/N, m⁴/kg], and the volumes of which the tets hold K.  [3, T]
     sparse: bool  # whether only some tets hold the volume
 
+    @classmethod
+    def of(cls, material, options, edges, volumes, edge_alphas, volume_alphas, inverse_masses):
+        """That of what can move.
+
+        Args:
+            edges, volumes: All constraints.
+            edge_alphas: α [m/N].  [E] or a number
+            volume_alphas: α [m⁵/N].  [T] or a number; None without volumes
+            inverse_masses: 0 where a vertex can't move [1/kg].  [V]
+        """
+        weights = edges.weights(inverse_masses)
+        of_edges = np.stack([np.broadcast_to(edge_alphas, weights.shape), weights])
+        of_volumes = np.empty((3, 0))
+        if volume_alphas is not None:
+            of_each = volumes.weights(inverse_masses)
+            held = volumes.shares * volumes.rest_values
+            of_volumes = np.stack([np.broadcast_to(volume_alphas, of_each.shape), of_each, held])
+            of_volumes = of_volumes[:, (of_each > 0) & (volumes.shares > 0)]
+        return cls(material, options, of_edges[:, weights > 0], of_volumes, volumes.sparse)
+
     def ratio(self, h) -> float:
         """The median r of the edges; nan if there are none."""
         alphas, weights = self.edges

@@ -328,17 +328,8 @@ class XpbdSolver:
 
     def _held_stiffness(self):
         w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
-        of_edges, of_volumes = self._compliances
-        weights = self.edges.weights(w)
-        moves = weights > 0
-        edges = np.stack([np.broadcast_to(of_edges, moves.shape), weights])[:, moves]
-        volumes = np.empty((3, 0))
-        if of_volumes is not None:
-            weights, whole = self.volumes.weights(w), self.volumes
-            volumes = np.broadcast_to(of_volumes, weights.shape), weights
-            volumes = np.stack([*volumes, whole.shares * whole.rest_values])
-            volumes = volumes[:, (weights > 0) & (whole.shares > 0)]
-        return HeldStiffness(self.material, self.options, edges, volumes, self.volumes.sparse)
+        body = self.edges, self.volumes, *self._compliances
+        return HeldStiffness.of(self.material, self.options, *body, w)
 
     # -- time --------------------------------------------------------------------------
 
