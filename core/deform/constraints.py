@@ -29,7 +29,7 @@ from .hinges import LONG_STIFFNESS, SHORT_VOLUME, hinge_braces
 from .isotropy import edge_factors
 from .kept_ratios import SheetRatios
 from .locking import volume_shares
-from .sheets import first_ratios, sheet_ratios
+from .sheets import sheet_ratios
 
 SMALLEST_SHARE = 1e-3  # of the mean volume or mass, for edges and vertices of flat tets alone
 # A vertex that begins a substep below the ground, because it was held there or the ground came up,
@@ -132,10 +132,9 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
         np.full(len(short), SHORT_VOLUME), LONG_STIFFNESS * (spans / lengths.mean()) ** 2
     )
     volumes = np.append(volumes, of_braces * volumes.mean())
-    first, weights = first_ratios(tets, len(rest_vertices), ends, lengths)
-    of_tets = rest_vertices, tets, ends, edge_of.reshape(-1, 6), lengths, first, weights
+    of_tets = rest_vertices, tets, ends, edge_of.reshape(-1, 6), lengths
     ends = np.concatenate([ends, short, far])
-    factors, first = (np.append(each, np.ones(len(of_braces))) for each in (factors, first))
+    factors = np.append(factors, np.ones(len(of_braces)))
     order, offsets, classes = color_order(ends, rest_vertices)
     ends, volumes, factors = ends[order], volumes[order], factors[order]
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
@@ -145,7 +144,7 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
         none = np.stack([np.ones(len(of_braces)), np.zeros(len(of_braces))])
         return np.concatenate([sheet_ratios(*of_tets), none], axis=1)[:, order]
 
-    thin = SheetRatios(first[order], fit, rest_vertices, tets)
+    thin = SheetRatios(fit, rest_vertices, tets)
     return EdgeConstraints(*common, volumes, factors, thin)
 
 

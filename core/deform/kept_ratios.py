@@ -26,14 +26,9 @@ log = logging.getLogger(__name__)
 
 
 class SheetRatios:
-    """sheet_ratios of one mesh's edges and braces.
+    """sheet_ratios of one mesh's edges and braces."""
 
-    Attributes:
-        first: What is known of them before the fit.  [E]
-    """
-
-    def __init__(self, first: np.ndarray, fit: Callable[[], np.ndarray], rest_vertices, tets):
-        self.first = first
+    def __init__(self, fit: Callable[[], np.ndarray], rest_vertices, tets):
         self._fit, self._mesh = fit, (rest_vertices, tets)
         self._values, self._lock = None, Lock()
 

@@ -60,25 +60,7 @@ class Springs:
         return Springs(self.vertices[vertices], *shapes, *values), edges
 
 
-def first_ratios(tets, vertex_count, ends, lengths):
-    """Where the fit begins: the factor of each edge of a thin part's surface over its lattice's.
-
-    Args:
-        ends: [E, 2]
-        lengths: [E]
-
-    Returns:
-        1 elsewhere [E]; the weights of thinness [V].
-    """
-    ratios = edge_factors(lengths, SHEET_FACTORS) / edge_factors(lengths)
-    if (ratios == 1.0).all():
-        return ratios, np.zeros(vertex_count)
-    weights = thinness(tets, ends, vertex_count)
-    outer = on_surface(tets, vertex_count)[ends].all(axis=1)
-    return ratios ** np.where(outer, weights[ends].mean(axis=1), 0.0), weights
-
-
-def sheet_ratios(vertices, tets, ends, edges_of, lengths, first, weights):
+def sheet_ratios(vertices, tets, ends, edges_of, lengths):
     """The factor of each edge where the mesh is thin over that of its lattice, 1 elsewhere.
 
     Returns:
@@ -88,19 +70,23 @@ def sheet_ratios(vertices, tets, ends, edges_of, lengths, first, weights):
         ends: [E, 2]
         edges_of: The edge of each of EDGES of each tet.  [T, 6]
         lengths: [E]
-        first, weights: As first_ratios returns them.
     """
-    if not weights.any():
-        return np.stack([first, np.zeros(len(ends))])
+    of_lattice = edge_factors(lengths)
+    ratios = edge_factors(lengths, SHEET_FACTORS) / of_lattice
+    weights = thinness(tets, ends, len(vertices))
+    if (ratios == 1.0).all() or not weights.any():
+        return np.stack([np.ones(len(ends)), np.zeros(len(ends))])
+    outer = on_surface(tets, len(vertices))[ends].all(axis=1)
+    ratios **= np.where(outer, weights[ends].mean(axis=1), 0.0)
     volumes = np.abs(signed_volumes(vertices, tets))
     solid = volumes > FLAT * volumes.mean()
     tets, edges_of = tets[solid], edges_of[solid]
     shares = volume_shares(vertices, tets, volumes[solid])
-    springs = Springs(vertices, tets, ends, edges_of, edge_factors(lengths) * first, shares)
+    springs = Springs(vertices, tets, ends, edges_of, of_lattice * ratios, shares)
     thin = weights > 0.0
     logs = fitted_logs(springs, thin[tets].any(axis=1))
     slopes = SLOPE * (weights == 1.0)[ends].mean(axis=1)
-    return np.stack([first * np.exp(thin[ends].mean(axis=1) * logs), slopes])
+    return np.stack([ratios * np.exp(thin[ends].mean(axis=1) * logs), slopes])
 
 
 def fitted_logs(springs: Springs, chosen):

@@ -147,14 +147,9 @@ class XpbdSolver:
         Where the mesh is thin, the first call takes seconds (sheets.py).
         """
         edges, volumes = self._compliances
-        if self._thin_differ:
-            edges = edges / self.edges.sheet_ratios.at(self.material.held_poisson_ratio)
-        return edges, volumes
-
-    @property
-    def _thin_differ(self):
-        """Whether thin parts have factors of their own."""
-        return not self._given and self.options.integrator != FIRST_INTEGRATOR
+        if self._given or self.options.integrator == FIRST_INTEGRATOR:
+            return edges, volumes
+        return edges / self.edges.sheet_ratios.at(self.material.held_poisson_ratio), volumes
 
     def set_compliances(self, edges: ArrayLike, volumes: ArrayLike | None) -> None:
         """Take these instead of the material's, until set_material is called.
@@ -333,10 +328,7 @@ class XpbdSolver:
 
     def _held_stiffness(self):
         w = np.where(self.pinned, 0.0, self._holds.free_inverse_masses)
-        of_edges, of_volumes = self._compliances
-        if self._thin_differ:
-            of_edges = of_edges / self.edges.sheet_ratios.first  # it must not wait for a fit
-        body = self.edges, self.volumes, of_edges, of_volumes
+        body = self.edges, self.volumes, *self._compliances
         return HeldStiffness.of(self.material, self.options, *body, w)
 
     # -- time --------------------------------------------------------------------------

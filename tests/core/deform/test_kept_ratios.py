@@ -26,7 +26,7 @@ def fitted(values, rest=REST, tets=TETS):
         calls.append(1)
         return np.array([values, np.log(values)])
 
-    return SheetRatios(np.ones(len(values)), fit, rest, tets), calls
+    return SheetRatios(fit, rest, tets), calls
 
 
 def test_they_follow_poissons_ratio_where_the_mesh_is_thin(folder):

@@ -16,7 +16,7 @@ from deformrf.core.deform import (
     XpbdSolver,
     edge_constraints,
 )
-from deformrf.core.deform.sheets import first_ratios, sheet_ratios
+from deformrf.core.deform.sheets import sheet_ratios
 from deformrf.core.deform.thin import on_surface, thinness
 from deformrf.core.geometry import (
     A15,
@@ -75,8 +75,7 @@ def ratios_of(mesh, rest=None):
         np.sort(mesh.tets[:, EDGES].reshape(-1, 2), axis=1), axis=0, return_inverse=True
     )
     lengths = np.linalg.norm(np.diff(rest[ends], axis=1)[:, 0], axis=1)
-    first = first_ratios(mesh.tets, len(rest), ends, lengths)
-    return sheet_ratios(rest, mesh.tets, ends, edges_of.reshape(-1, 6), lengths, *first)[0]
+    return sheet_ratios(rest, mesh.tets, ends, edges_of.reshape(-1, 6), lengths)[0]
 
 
 def weights_of(mesh):
