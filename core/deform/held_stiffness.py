@@ -77,12 +77,18 @@ class HeldStiffness:
         usual, of_stiff, _ = INTEGRATORS[self.options.integrator]
         return of_stiff if self.ratio(h) < STIFF else usual
 
-    def young_modulus(self, h) -> float:
-        """The E that a load meets [Pa]."""
+    def young_modulus(self, h, floor_share=1.0) -> float:
+        """The E that a load meets [Pa].
+
+        Args:
+            floor_share: How much of it, over this estimate, it meets where all constraints are at
+                their floor (pull_test.py).
+        """
         ratio = self.ratio(h)
         if self.options.integrator == FIRST_INTEGRATOR:
             return self.material.first_young_modulus_at(ratio)
-        return self.material.young_modulus_at(ratio, self._share_of_bulk_modulus(h))
+        of_volumes = self._share_of_bulk_modulus(h)
+        return self.material.young_modulus_at(ratio * floor_share, of_volumes)
 
     def _share_of_bulk_modulus(self, h):
         """K_h / K."""

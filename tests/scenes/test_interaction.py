@@ -204,10 +204,10 @@ def test_a_body_sags_by_the_held_modulus(device, ratio):
         sag = (positions(x) - x.rest_vertices)[head(mesh), 0].mean()
         assert x.held_young_modulus() < modulus
         sags.append(sag / load * x.held_young_modulus())
-    assert x.held_young_modulus() < 0.4 * modulus
+    assert x.held_young_modulus() < 0.5 * modulus
     soft, stiff, stiffest = sags
     assert stiff == pytest.approx(soft, rel=0.15)
-    assert 0.5 * soft < stiffest < 1.15 * soft  # all at the floor: stiffer than stated on a column
+    assert stiffest == pytest.approx(soft, rel=0.2)  # all at the floor
 
 
 @pytest.mark.parametrize("modulus", [1e7, 1e8])

@@ -140,6 +140,6 @@ def soft_springs(solver, centers, ids, radius):
     if not (pull >= LEAST_PULL).any():  # no vertex is as near as the radius: those of the tet
         pull = np.ones(len(ids))
     ids, pull = ids[pull >= LEAST_PULL], pull[pull >= LEAST_PULL]
-    share = solver.held_young_modulus() * solver.object_size * pull / pull.sum()
+    share = solver.estimated_young_modulus() * solver.object_size * pull / pull.sum()
     radius = max(radius, solver.edges.rest_values.mean())
     return ids, (SOFT_STIFFNESS * share, SOFT_FORCE * radius * share)

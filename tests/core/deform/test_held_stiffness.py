@@ -46,7 +46,7 @@ def test_a_nearly_incompressible_cantilever_sags_as_its_held_modulus_says(lattic
         print(lattice, count, claimed, real)
         assert claimed == pytest.approx(real, rel=0.02)
         claims.append(claimed)
-    assert claims[0] < 0.97 < claims[1]
+    assert claims[0] < 0.975 < claims[1]
 
 
 def test_near_incompressibility_more_substeps_are_taken_in_steps_of_poissons_ratio():
