@@ -4,7 +4,8 @@ A constraint is as stiff as its compliance α says while r = α/(w̄ h²) is lar
 stands for α/(θh)² (definition/solver.py), has a floor.  Below it the substep decides, not Young's
 modulus.
 
-    edges    E_h = E / (1 + (0.53/r)^3.5)^(1/3.5), r the median over edges (Material)
+    edges    E_h = E / (1 + (0.53/(s r))^3.5)^(1/3.5), r the median over edges (Material); s is 1 as
+             long as nobody has pulled the body to find it out (pull_test.py)
     volumes  K_h = K / mean(max(1, θ² (f + ½)/r)), f their floor; the mean is over the volumes for
              which tets hold K, since neighbors share a pressure.  A load then meets
              E(μ, K_h)/E(μ, K) of E.

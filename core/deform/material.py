@@ -84,9 +84,8 @@ class Material:
         """The E that a load meets at r = α/(w h²) [Pa]: E / (1 + (0.53/r)^3.5)^(1/3.5).
 
         For large r the body has E; for small r all constraints are at their floor, and E does not
-        matter.  With the substeps that XpbdSolver.substeps_that_hold takes, it is 0.93 to 1.00 of
-        what bending and columns measure, from 1 MPa to 1 GPa (*helmet*, a beam of A15).  With so
-        few that r < 0.1, a column may be 1.7 times stiffer.
+        matter.  How stiff it then is depends on the body, which XpbdSolver.held_young_modulus
+        pulls to find it out: it multiplies r by what it found.
 
         Args:
             share_of_bulk_modulus: How much of K the volume constraints hold, 0 to 1.  With less,
