@@ -1,13 +1,12 @@
 r"""What the rule gives for several models together: the defaults of a device.
 
 python tests/benchmarks/defaults.py docs/report/*-h200/report.json \
-    --errors docs/report/*/report.json --images docs/report/earlier_images.json
+    --errors docs/report/*/report.json
 
 Times are those of the first reports, one of each model, all on one device, over the default's in
 the same turn.  Errors are a matter of the setting and not of the device.  Of images the worst of
 the reports behind --errors counts, by default that of the first ones; of substeps the worst of the
-first ones.  --images has errors of further models, of which no report is kept.  Each model has its
-own errors, and a user's is none of ours.
+first ones.  Each model has its own errors, and a user's is none of ours.
 Ends with 1 if the program's defaults are not what the rule gives.
 """
 
@@ -90,13 +89,11 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("reports", nargs="+", type=Path, help="report.json of each model")
     parser.add_argument("--errors", nargs="+", type=Path, help="those whose images count")
-    parser.add_argument("--images", type=Path, help="images of further models")
     arguments = parser.parse_args()
     reports = read(arguments.reports)
     judged = read(arguments.errors or arguments.reports)
     print("times of:", "; ".join(f"{r['facts']['model']}, {r['facts']['device']}" for r in reports))
-    images = json.loads(arguments.images.read_text()) if arguments.images else []
-    chosen = rendering_choice(reports, [*judged, *images]), substeps_choice(reports)
+    chosen = rendering_choice(reports, judged), substeps_choice(reports)
     sys.exit(chosen != ("default", XpbdOptions().substep_count))
 
 

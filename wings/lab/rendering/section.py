@@ -34,7 +34,7 @@ from .pictures import ExpectedPixels, PhotoPixels, largest_difference, picture_e
 BOUND = 45.0  # dB, of default mode
 LARGEST = 8.0  # 1/255
 STEP_FACTORS = (4.0, 2.0, 0.5)
-TERMINATIONS = (0.0, 1e-3, 3e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
+TERMINATIONS = (0.0, 1e-3, 2e-3, 3e-3, 5e-3, 1e-2, 2e-2, 3e-2, 5e-2, 0.1, 0.2)
 SPARED_LEVELS = (1, 2, 3)
 DISCRETIZATION_PIXELS = 500
 ENOUGH = 12  # turns that resolve differences of some percent
