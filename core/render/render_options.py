@@ -54,7 +54,7 @@ def default_stop(deferred: bool, conformance: bool = False) -> float:
     samples have colors, that allows a large value: at 2e-2 images reach 64 to 67 dB with the
     assumption and 49 to 56 dB without.  Where a ray has one color (`deferred`), what is behind may
     have any h, however little it weighs: in four models pixels are off by up to 99/255 at 3e-2, by
-    10 at 3e-3 and by 7 at 2e-3.
+    10 at 3e-3 and by 6 at 2e-3.
     """
     if conformance:
         return 1e-3

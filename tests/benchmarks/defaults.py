@@ -1,6 +1,6 @@
 r"""What the rule gives for several models together: the defaults of a device.
 
-python tests/benchmarks/defaults.py docs/report/*-h200/report.json \
+python tests/benchmarks/defaults.py docs/report/*-h100/report.json \
     --errors docs/report/*/report.json
 
 Times are those of the first reports, one of each model, all on one device, over the default's in
