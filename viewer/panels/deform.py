@@ -180,7 +180,7 @@ def _substeps(app):
     seconds = app.times.tick_seconds()
     imgui.text_disabled(f"{1e3 * seconds:.1f} of {1e3 * TIME_STEP:.1f} ms")
     imgui.set_item_tooltip(PRICE)
-    asked, (held, _) = body.material.young_modulus, body.stiffness
+    asked, held = body.material.young_modulus, body.held_young_modulus
     if held < HELD_SHARE * asked:
         why = "more are too slow" if body.automatic_substeps else "take more substeps"
         imgui.text(f"holds {si(held, 2)}Pa of {si(asked)}Pa: {why}")

@@ -50,7 +50,7 @@ class Body:
         self.factors = factors
         if factors is not None:
             self.solver.set_stiffness(factors)
-        self._stiffness = None  # what `stiffness` depends on, and its value
+        self._answers = None  # what the solver's depend on; by the name of the question
         self._rest_shapes = []  # those before the present one
         self.automatic_substeps = True
         self.adapt_substeps()
@@ -87,14 +87,25 @@ class Body:
         return replace(self.material, young_modulus=modulus)
 
     @property
-    def stiffness(self) -> tuple[float, int]:
-        """Young's modulus with these substeps [Pa]; how many hold the material's."""
+    def held_young_modulus(self) -> float:
+        """What these substeps hold of the material's [Pa]."""
+        return self._told("held_young_modulus") * self.meters_per_unit**2
+
+    @property
+    def substeps_that_hold(self) -> int:
+        """How many substeps hold the material's."""
+        return self._told("substeps_that_hold")
+
+    def _told(self, name):
+        """What the solver's method of that name returns; it is asked once."""
         painted = None if self.factors is None else self.factors.tobytes()
         key = self.solver.options, self.solver.material, self.solver.pinned.tobytes(), painted
-        if self._stiffness is None or self._stiffness[0] != key:
-            held = self.solver.held_young_modulus() * self.meters_per_unit**2
-            self._stiffness = key, (held, self.solver.substeps_that_hold())
-        return self._stiffness[1]
+        if self._answers is None or self._answers[0] != key:
+            self._answers = key, {}
+        answers = self._answers[1]
+        if name not in answers:
+            answers[name] = getattr(self.solver, name)()
+        return answers[name]
 
     @edit("set_options", undo="{names}", merges=True)
     def set_options(self, **changes) -> None:
@@ -109,8 +120,8 @@ class Body:
 
     def adapt_substeps(self) -> None:
         """Before time passes: take as many substeps as hold the material, if that is automatic."""
-        if self.automatic_substeps and self.stiffness[1] != self.solver.options.substep_count:
-            self._adapt_substeps(self.stiffness[1])
+        if self.automatic_substeps and self.substeps_that_hold != self.solver.options.substep_count:
+            self._adapt_substeps(self.substeps_that_hold)
 
     @edit("adapt_substeps")
     def _adapt_substeps(self, substep_count):
@@ -152,7 +163,7 @@ class Body:
         new.set_state(vertices.copy(), old.velocities.numpy().copy())
         if at_rest:
             new.fall_asleep()
-        self.solver, self._stiffness = new, None
+        self.solver, self._answers = new, None
         new.edges.sheet_ratios.begin()
 
     # -- rest shape ----------------------------------------------------------------------

@@ -40,8 +40,8 @@ def test_a_body_moves_as_a_mesh_of_its_real_size_does(ball):
     moved = positions(body.solver) - ball.mesh.rest_vertices
     assert np.abs(moved).max() > 0.01
     np.testing.assert_allclose(positions(real) - rest, meters * moved, atol=1e-5 * meters)
-    assert body.stiffness[0] == pytest.approx(real.held_young_modulus(), rel=1e-5)
-    assert body.stiffness[1] == real.substeps_that_hold()
+    assert body.held_young_modulus == pytest.approx(real.held_young_modulus(), rel=1e-5)
+    assert body.substeps_that_hold == real.substeps_that_hold()
 
 
 def test_a_size_that_is_set_counts_from_then_on(ball):
