@@ -79,6 +79,7 @@ class Model:
         solver = XpbdSolver(rest, tets, material or Material(), pinned, options, self.device)
         if self.field.stiffness is not None:
             solver.set_stiffness(self.field.stiffness)
+        solver.edges.sheet_ratios.begin()
         if options is None:
             solver.set_options(XpbdOptions(substep_count=solver.substeps_that_hold()))
             solver.reset()

@@ -140,11 +140,13 @@ def edge_constraints(rest_vertices: np.ndarray, tets: np.ndarray) -> EdgeConstra
     lengths = np.linalg.norm(rest_vertices[ends[:, 0]] - rest_vertices[ends[:, 1]], axis=1)
     common = ends.astype(np.int32), lengths, np.ones(ends.shape), offsets, classes
 
-    def fit():
-        none = np.stack([np.ones(len(of_braces)), np.zeros(len(of_braces))])
-        return np.concatenate([sheet_ratios(*of_tets), none], axis=1)[:, order]
-
-    thin = SheetRatios(fit, rest_vertices, tets)
+    none = np.stack([np.ones(len(of_braces)), np.zeros(len(of_braces))])
+    thin = SheetRatios(
+        lambda: sheet_ratios(*of_tets),
+        lambda ratios: np.concatenate([ratios, none], axis=1)[:, order],
+        rest_vertices,
+        tets,
+    )
     return EdgeConstraints(*common, volumes, factors, thin)
 
 

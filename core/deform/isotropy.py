@@ -22,7 +22,7 @@ A thin sheet of A15 is another lattice, with other factors for the edges between
 surface: f^(1 − w) s^w, with s of SHEET_FACTORS and the weight w of thin.py.  They are fitted to
 the bending, stretching and twisting of endless sheets of 1 to 2.5 cells, cut in five directions
 and at all heights, as quadratic finite elements on the same tets have them.  From there sheets.py
-fits each sheet of up to 1.5 cells.
+fits each sheet of up to 2.5 cells.
 
 Shapes: E edges of a mesh.
 """

@@ -1,14 +1,16 @@
 """Ratios of thin parts (sheets.py): fitted when something needs them first, then kept on the disk.
 
-A fit takes seconds, and its result depends on nothing but the mesh and the modules that fit.  A
+A fit takes seconds, and its result depends on nothing but the mesh and the program.  A
 file has the SHA-256 of its numbers, then these, in float64; a name is the SHA-256 of what they
 depend on.  Where no file can be written, each process fits again.
 """
 
 import hashlib
 import logging
+import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from threading import Lock, Thread
 
@@ -16,9 +18,9 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from ..base.paths import whole_file
-from . import isotropy, layers, locking, quadratic, sheets, thin
+from . import sheets
 
-FITTING = isotropy, layers, locking, quadratic, sheets, thin
+ROOMS = Path(__file__).parent, Path(__file__).parents[1] / "geometry"  # what a fit depends on
 LEAST_SECONDS = 0.2  # of a fit that is worth a file
 MOST_FILES = 100
 DIGEST = hashlib.sha256().digest_size
@@ -26,53 +28,90 @@ log = logging.getLogger(__name__)
 
 
 class SheetRatios:
-    """sheet_ratios of one mesh's edges and braces."""
+    """sheet_ratios of the edges of one mesh."""
 
-    def __init__(self, fit: Callable[[], np.ndarray], rest_vertices, tets):
-        self._fit, self._mesh = fit, (rest_vertices, tets)
+    def __init__(self, fit: Callable[[], np.ndarray], arrange: Callable, rest_vertices, tets):
+        """
+        Args:
+            fit: Returns them in the order that follows from the tets.
+            arrange: Brings them into the order of the constraints, and adds those of braces.
+        """
+        self._fit, self._arrange, self._mesh = fit, arrange, (rest_vertices, np.array(tets))
         self._values, self._lock = None, Lock()
 
     def begin(self) -> None:
         """Work them out in a thread of their own."""
         if self._values is None:
-            Thread(target=self.at, args=(sheets.RATIO,), name="thin parts", daemon=True).start()
+            Thread(target=self.values, name="thin parts", daemon=True).start()
 
-    def at(self, poisson_ratio: float) -> np.ndarray:
-        """For a material of this Poisson's ratio.  [E]"""
+    def follow(self, ends, other, other_ends) -> None:
+        """Have those that the same edges have in another mesh, and 1 where it has no such edge.
+
+        Args:
+            ends: Of the edges of this mesh.  [E, 2]
+            other: The other mesh's SheetRatios.
+            other_ends: [F, 2]
+        """
+
+        def taken():
+            count = max(ends.max(initial=0), other_ends.max(initial=0)) + 1
+            keys, others = (
+                np.sort(each, axis=1).astype(np.int64) @ [count, 1] for each in (ends, other_ends)
+            )
+            order = np.argsort(others)
+            places = np.searchsorted(others[order], keys).clip(max=len(others) - 1)
+            found = order[places]
+            return np.where(others[found] == keys, other.values()[:, found], [[1.0], [0.0]])
+
+        self._fit, self._arrange, self._mesh = taken, lambda values: values, None
+
+    def values(self) -> np.ndarray:
+        """Those at sheets.RATIO, and how their logarithms grow with Poisson's ratio.  [2, E]"""
         with self._lock:
             if self._values is None:
-                self._values = self._work_out()
-        ratios, slopes = self._values
+                self._values = self._arrange(self._worked_out())
+                self._fit = self._arrange = self._mesh = None
+        return self._values
+
+    def at(self, poisson_ratio: float) -> np.ndarray:
+        """Those of a material of this Poisson's ratio.  [E]"""
+        ratios, slopes = self.values()
         return ratios * np.exp(slopes * (poisson_ratio - sheets.RATIO))
 
-    def _work_out(self):
-        path = self._path()
-        values = _read(path)
-        if values is None:
-            since = time.perf_counter()
-            values = self._fit()
-            if time.perf_counter() - since > LEAST_SECONDS:
-                _write(path, values)
-        self._fit = self._mesh = None
+    def _worked_out(self):
+        path = None if self._mesh is None else _path_of(*self._mesh)
+        values = None if path is None else _read(path)
+        if values is not None:
+            return values
+        since = time.perf_counter()
+        values = self._fit()
+        if path is not None and time.perf_counter() - since > LEAST_SECONDS:
+            _write(path, values)
         return values
-
-    def _path(self):
-        digest = hashlib.sha256()
-        for module in FITTING:
-            digest.update(Path(module.__file__).read_bytes())
-        for array, kind in zip(self._mesh, (np.float64, np.int64), strict=True):
-            digest.update(np.ascontiguousarray(array, kind))
-        return folder() / digest.hexdigest()
 
 
 def folder() -> Path:
     return user_cache_path("deformrf") / "thin"
 
 
+def _path_of(rest_vertices, tets):
+    """The file of a mesh; None if a change of the program would not be noticed."""
+    sources = sorted(path for room in ROOMS for path in room.glob("*.py"))
+    if not sources:
+        return None
+    digest = hashlib.sha256()
+    for path in sources:
+        digest.update(path.read_bytes())
+    digest.update(np.ascontiguousarray(rest_vertices, np.float64))
+    digest.update(np.ascontiguousarray(tets, np.int64))
+    return folder() / digest.hexdigest()
+
+
 def _read(path):
     """The numbers of a whole file, or None."""
     try:
         content = path.read_bytes()
+        os.utime(path)  # the files that nobody reads go first
     except OSError:
         return None
     if hashlib.sha256(content[DIGEST:]).digest() != content[:DIGEST]:
@@ -86,8 +125,10 @@ def _write(path, values):
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as partial:
             Path(partial).write_bytes(hashlib.sha256(content).digest() + content)
-        oldest_first = sorted(path.parent.iterdir(), key=lambda each: each.stat().st_mtime)
-        for each in oldest_first[:-MOST_FILES]:
-            each.unlink(missing_ok=True)
     except OSError as error:
         log.info("thin parts are fitted again at each start: %s", error)
+        return
+    with suppress(OSError):  # other processes may be at it, too
+        oldest_first = sorted(path.parent.iterdir(), key=lambda each: each.stat().st_mtime)
+        for each in oldest_first[:-MOST_FILES]:
+            each.unlink()

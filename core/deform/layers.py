@@ -48,7 +48,7 @@ class Layers:
             elements: Of each kind the nodes [M, K] and stiffnesses [M, 3K, 3K].
             loads: Forces on the nodes.  [N, 3, L]
         """
-        self._places, self._layers = places, layers
+        self._places = places
         self._size, _, self._loads = loads.shape
         self._steps = []  # layer, its degrees of freedom, those they act on, solved [·, L + ·]
         self._floor = FLOOR * np.mean(np.concatenate([k.trace(0, 1, 2) for _, k in elements]))
@@ -97,6 +97,8 @@ class Layers:
             for nodes, stiffnesses in elements:
                 chosen = (self._places[nodes, axis].mean(axis=1) < middle) == first
                 half.append((nodes[chosen], stiffnesses[chosen]))
+            if not sum(len(nodes) for nodes, _ in half):
+                return self._merged(layer, elements, inner)
             counts[np.unique(np.concatenate([nodes.ravel() for nodes, _ in half]))] += 1
             halves.append(half)
         own = inner & (counts == 1)

@@ -75,7 +75,10 @@ class Material:
     def compliances(
         self, edges: EdgeConstraints, volumes: VolumeConstraints
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0."""
+        """α of edge constraints [m/N], and of volume constraints [m⁵/N] or None if K is 0.
+
+        Edges have those of the endless lattice; XpbdSolver.compliances has those of thin parts.
+        """
         bulk = self.bulk_modulus
         of_volumes = volumes.compliances(bulk) if bulk > 0 else None
         return edges.compliances(self.shear_modulus), of_volumes

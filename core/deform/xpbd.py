@@ -86,7 +86,7 @@ class XpbdSolver:
         self.device = wp.get_device(device)
         # Rounded as on the device, so that rest lengths are exact.
         self.rest_vertices = np.array(rest_vertices, np.float32).astype(np.float64)
-        self.tets = np.asarray(tets)
+        self.tets = np.array(tets)
         count = len(self.rest_vertices)
         pinned = checks.per_vertex(pinned, count, "a pin mask", bool)
         self.object_size = float(np.ptp(self.rest_vertices, axis=0).max())
@@ -146,7 +146,8 @@ class XpbdSolver:
     def compliances(self) -> tuple[ArrayLike, ArrayLike | None]:
         """α of the edges [m/N] and volumes [m⁵/N]; set_compliances() changes them.  [E], [T]
 
-        Where the mesh is thin, the first call takes seconds (sheets.py).
+        Where the mesh is thin, the first call takes seconds (sheets.py).  Young's modulus and the
+        number of substeps are told by those of Material.compliances, which need no fit.
         """
         edges, volumes = self._compliances
         if self._given or self.options.integrator == FIRST_INTEGRATOR:
@@ -322,21 +323,21 @@ class XpbdSolver:
     def held_young_modulus(self) -> float:
         """The E of the material that a load meets with these substeps [Pa].
 
-        Where they don't hold it, the body is pulled, which takes some tenths of a second, once for
-        its pins and painted stiffness (pull_test.py).
+        Where they don't hold it, the body is pulled, once for its pins, which takes some tenths of
+        a second, and some seconds if its thin parts have to be fitted first (pull_test.py).
         """
         estimated = self.estimated_young_modulus()
         wanted = HELD_SHARE * self.material.young_modulus
         if not estimated < wanted or self.options.integrator == FIRST_INTEGRATOR or self._given:
             return estimated
-        key = self.pinned.tobytes(), self._stiffness.tobytes(), self.material.held_poisson_ratio
-        if self._pulled is None or self._pulled[0] != key:
+        held = self.pinned | (self._holds.free_inverse_masses == 0.0)
+        if self._pulled is None or self._pulled[0] != held.tobytes():
             free = {"contact": False, "rescue": False, "sleep_motion": 0.0}
             options = XpbdOptions(integrator=self.options.integrator, **free)
-            body = self.rest_vertices, self.tets, self.material, self.pinned
-            other = XpbdSolver(*body, options, str(self.device))
-            other.set_stiffness(self._stiffness)
-            self._pulled = key, floor_share(other, self._part_of)
+            body = self.rest_vertices, self.tets, Material(), held, options, str(self.device)
+            other = XpbdSolver(*body)
+            other.edges = self.edges  # thin parts are fitted once
+            self._pulled = held.tobytes(), floor_share(other, self._part_of)
         return self._held_stiffness().young_modulus(self._substep, self._pulled[1])
 
     def substeps_that_hold(self) -> int:

@@ -47,6 +47,7 @@ class Body:
         self.gravity, self.wind, self._air_drag = 0.0, 0.0, None
         options = XpbdOptions(**self._surroundings())
         self.solver = XpbdSolver(rest_vertices, tets, self._scaled(), pinned, options, device)
+        self._whole = self.solver.edges  # before anything is cut off
         self.factors = factors
         if factors is not None:
             self.solver.set_stiffness(factors)
@@ -147,7 +148,8 @@ class Body:
     def set_tets(self, tets) -> None:
         """Be made of these tets [T, 4] alone: a new solver, in the same pose, with all values.
 
-        Vertices of no tet stay where they are.  What is held is let go.
+        Vertices of no tet stay where they are.  What is held is let go.  Edges keep their
+        stiffness: thin parts are not fitted again.
         """
         old = self.solver
         arguments = self._scaled(), old.pinned, old.options, str(old.device)
@@ -164,7 +166,8 @@ class Body:
         if at_rest:
             new.fall_asleep()
         self.solver, self._answers = new, None
-        new.edges.sheet_ratios.begin()
+        whole = self._whole.sheet_ratios, self._whole.vertices
+        new.edges.sheet_ratios.follow(new.edges.vertices, *whole)
 
     # -- rest shape ----------------------------------------------------------------------
 

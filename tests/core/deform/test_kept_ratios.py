@@ -26,7 +26,7 @@ def fitted(values, rest=REST, tets=TETS):
         calls.append(1)
         return np.array([values, np.log(values)])
 
-    return SheetRatios(fit, rest, tets), calls
+    return SheetRatios(fit, lambda values: values, rest, tets), calls
 
 
 def test_they_follow_poissons_ratio_where_the_mesh_is_thin(folder):
@@ -78,3 +78,18 @@ def test_the_oldest_files_go(folder, monkeypatch):
     assert len(list(folder.iterdir())) == 3
     assert fitted([9.0], rest=REST + 4)[0].at(sheets.RATIO).tolist() == [5.0]
     assert fitted([9.0], rest=REST)[0].at(sheets.RATIO).tolist() == [9.0]
+
+
+def test_what_follows_another_mesh_has_its_ratios_and_is_not_fitted(folder):
+    other, _ = fitted([0.5, 2.0, 3.0])
+    ratios, calls = fitted([9.0, 9.0, 9.0])
+    ratios.follow(np.array([[4, 2], [7, 8], [0, 1]]), other, np.array([[0, 1], [1, 2], [2, 4]]))
+    assert ratios.at(sheets.RATIO).tolist() == [3.0, 1.0, 0.5] and not calls
+
+
+def test_ratios_are_kept_in_the_order_of_tets_and_used_in_that_of_constraints(folder):
+    def shuffled(first):
+        return SheetRatios(lambda: np.array([[1.0, 2.0], [0.0, 0.0]]), first, REST, TETS)
+
+    assert shuffled(lambda values: values).at(0.3).tolist() == [1.0, 2.0]
+    assert shuffled(lambda values: values[:, ::-1]).at(0.3).tolist() == [2.0, 1.0]
