@@ -153,7 +153,7 @@ def test_a_damped_body_keeps_its_momenta(device):
     np.testing.assert_allclose(after[1], angular, atol=0.02 * np.linalg.norm(angular))
     x, v = (a.numpy().astype(np.float64) for a in (solver.vertices, solver.velocities))
     left = v - rigid_velocities(x, v, masses_of(solver))
-    assert np.sqrt((left**2).mean()) < 0.05 * np.sqrt((shaking**2).mean())
+    assert np.sqrt((left**2).mean()) < 0.07 * np.sqrt((shaking**2).mean())
 
 
 def test_what_is_held_is_damped_as_a_whole(device):
