@@ -32,7 +32,9 @@ log = logging.getLogger(__name__)
 
 FRAME_SECONDS = 1.0 / 60.0  # the shortest frame, where vsync sets none
 AWAKE_SECONDS = 1.0  # after an event, frames are drawn: panels answer over several of them
+WAITING_SECONDS = 0.1  # in each frame while thin parts are fitted
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
+FITTING = "working out how stiff thin parts are, once for this model: it moves in some seconds"
 REDRAW_SECONDS = 0.5  # between two frames at rest: messages disappear, curves grow
 STATE_SECONDS = 0.5  # between two "state" events in the log
 INPUT_EVENTS = (
@@ -220,6 +222,12 @@ class App:
             and not self.takes.recording
         )
 
+    def _wait(self):
+        """Say that thin parts are being fitted, and leave that most of the processor."""
+        if self.recorder.message != FITTING:
+            self.recorder.say(FITTING)
+        time.sleep(WAITING_SECONDS)
+
     # -- a frame -------------------------------------------------------------------------
 
     def frame(self, seconds: float, whole: bool = False) -> None:
@@ -237,8 +245,12 @@ class App:
         self.fly.advance(seconds)
         photograph, places = placed_photograph(self)
         moved, tick = scene.moving, scene.journal.tick
-        with times.task("simulate"):
-            scene.advance(seconds)
+        if not whole and scene.waits:  # time stands, and the window answers
+            self._wait()
+            moved = False
+        else:
+            with times.task("simulate"):
+                scene.advance(seconds)
         if moved:
             times.passed(seconds, scene.journal.tick - tick)
         camera = controls.camera

@@ -21,6 +21,7 @@ from ..base.paths import whole_file
 from . import sheets
 
 ROOMS = Path(__file__).parent, Path(__file__).parents[1] / "geometry"  # what a fit depends on
+MANY_TETS = 1000  # are fitted in a second or more, if they are thin
 LEAST_SECONDS = 0.2  # of a fit that is worth a file
 MOST_FILES = 100
 DIGEST = hashlib.sha256().digest_size
@@ -37,11 +38,17 @@ class SheetRatios:
             arrange: Brings them into the order of the constraints, and adds those of braces.
         """
         self._fit, self._arrange, self._mesh = fit, arrange, (rest_vertices, np.array(tets))
-        self._values, self._lock = None, Lock()
+        self._values, self._lock, self._begun = None, Lock(), False
+
+    @property
+    def ready(self) -> bool:
+        """Whether it takes less than a second to have them."""
+        return self._values is not None or self._mesh is None or len(self._mesh[1]) < MANY_TETS
 
     def begin(self) -> None:
         """Work them out in a thread of their own."""
-        if self._values is None:
+        if self._values is None and not self._begun:
+            self._begun = True
             Thread(target=self.values, name="thin parts", daemon=True).start()
 
     def follow(self, ends, other, other_ends) -> None:
@@ -70,7 +77,7 @@ class SheetRatios:
         with self._lock:
             if self._values is None:
                 self._values = self._arrange(self._worked_out())
-                self._fit = self._arrange = self._mesh = None
+                self._fit = self._arrange = None
         return self._values
 
     def at(self, poisson_ratio: float) -> np.ndarray:

@@ -154,6 +154,12 @@ class XpbdSolver:
             return edges, volumes
         return edges / self.edges.sheet_ratios.at(self.material.held_poisson_ratio), volumes
 
+    @property
+    def ready(self) -> bool:
+        """Whether the next step need not wait seconds until thin parts are fitted."""
+        of_lattice = self._given or self.options.integrator == FIRST_INTEGRATOR
+        return of_lattice or self.edges.sheet_ratios.ready
+
     def set_compliances(self, edges: ArrayLike, volumes: ArrayLike | None) -> None:
         """Take these instead of the material's, until set_material is called.
 

@@ -429,3 +429,19 @@ def test_closing_the_window_ends_the_loop(bare):
     bare.window.dispatch_event("on_close")
     bare.run()
     assert bare.window.has_exit
+
+
+def test_while_thin_parts_are_fitted_time_stands_and_it_is_said(app, monkeypatch):
+    from deformrf.viewer.scene import Scene
+
+    monkeypatch.setattr(Scene, "waits", True)
+    scene = app.scene
+    scene.solver.grab(np.flatnonzero(~scene.solver.pinned)[:1])
+    before = scene.journal.tick, scene.solver.vertices.numpy()
+    for _ in range(3):
+        app.frame(0.1)
+    assert scene.journal.tick == before[0] and "thin parts" in app.recorder.message
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), before[1])
+    monkeypatch.setattr(Scene, "waits", False)
+    app.frame(0.1)
+    assert scene.journal.tick > before[0]

@@ -138,6 +138,15 @@ class Scene:
         return self.timeline.playing or self.posing.playing or self._steps
 
     @property
+    def waits(self) -> bool:
+        """Whether a step would wait seconds for what it needs, which a thread works out."""
+        moved = self.timeline.playing or self.posing.playing or not self._steps
+        if moved or self.solver.ready:
+            return False
+        self.solver.edges.sheet_ratios.begin()
+        return True
+
+    @property
     def _steps(self):
         return not self.paused and not (self.solver.settled and not self._pushes)
 

@@ -93,3 +93,12 @@ def test_ratios_are_kept_in_the_order_of_tets_and_used_in_that_of_constraints(fo
 
     assert shuffled(lambda values: values).at(0.3).tolist() == [1.0, 2.0]
     assert shuffled(lambda values: values[:, ::-1]).at(0.3).tolist() == [2.0, 1.0]
+
+
+def test_few_tets_are_fitted_in_less_than_a_second(folder):
+    few, _ = fitted([0.5])
+    assert few.ready
+    many, calls = fitted([0.5], tets=np.zeros((2 * kept_ratios.MANY_TETS, 4), int))
+    assert not many.ready and not calls
+    many.values()
+    assert many.ready

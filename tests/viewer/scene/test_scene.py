@@ -334,3 +334,18 @@ def test_a_pose_that_was_set_is_looked_at_without_waiting_for_the_device(scene, 
     scene.look()
     assert scene.revision == revision + 1
     np.testing.assert_array_equal(scene.positions, scene.solver.vertices.numpy())
+
+
+def test_a_step_waits_only_for_a_fit_that_takes_seconds(scene, monkeypatch):
+    ratios = scene.solver.edges.sheet_ratios
+    begun = []
+    monkeypatch.setattr(type(ratios), "ready", False)
+    monkeypatch.setattr(type(ratios), "begin", lambda self: begun.append(1))
+    assert not scene.waits and not begun  # nothing moves
+    scene.solver.grab([0])
+    assert scene.waits and begun
+    scene.paused = True
+    assert not scene.waits
+    scene.paused = False
+    scene.solver.set_compliances(1.0, None)
+    assert not scene.waits  # these need no fit
