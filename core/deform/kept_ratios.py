@@ -1,8 +1,8 @@
 """Ratios of thin parts (sheets.py): fitted when something needs them first, then kept on the disk.
 
-A fit takes seconds, and its result depends on nothing but the mesh and the program.  A
-file has the SHA-256 of its numbers, then these, in float64; a name is the SHA-256 of what they
-depend on.  Where no file can be written, each process fits again.
+A fit takes seconds, and its result depends on nothing but the mesh and the program.  A file is
+named by the SHA-256 of both.  It holds the SHA-256 of the ratios, then the ratios, in float64.
+Where no file can be written, each process fits again.
 """
 
 import hashlib
@@ -39,11 +39,14 @@ class SheetRatios:
         """
         self._fit, self._arrange, self._mesh = fit, arrange, (rest_vertices, np.array(tets))
         self._values, self._lock, self._begun = None, Lock(), False
+        self._leader = None  # the SheetRatios that these follow
 
     @property
     def ready(self) -> bool:
         """Whether it takes less than a second to have them."""
-        return self._values is not None or self._mesh is None or len(self._mesh[1]) < MANY_TETS
+        if self._values is not None:
+            return True
+        return len(self._mesh[1]) < MANY_TETS if self._leader is None else self._leader.ready
 
     def begin(self) -> None:
         """Work them out in a thread of their own."""
@@ -70,7 +73,7 @@ class SheetRatios:
             found = order[places]
             return np.where(others[found] == keys, other.values()[:, found], [[1.0], [0.0]])
 
-        self._fit, self._arrange, self._mesh = taken, lambda values: values, None
+        self._fit, self._arrange, self._leader = taken, lambda values: values, other
 
     def values(self) -> np.ndarray:
         """Those at sheets.RATIO, and how their logarithms grow with Poisson's ratio.  [2, E]"""
@@ -86,7 +89,7 @@ class SheetRatios:
         return ratios * np.exp(slopes * (poisson_ratio - sheets.RATIO))
 
     def _worked_out(self):
-        path = None if self._mesh is None else _path_of(*self._mesh)
+        path = _path_of(*self._mesh) if self._leader is None else None
         values = None if path is None else _read(path)
         if values is not None:
             return values

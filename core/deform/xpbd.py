@@ -150,15 +150,19 @@ class XpbdSolver:
         number of substeps are told by those of Material.compliances, which need no fit.
         """
         edges, volumes = self._compliances
-        if self._given or self.options.integrator == FIRST_INTEGRATOR:
-            return edges, volumes
-        return edges / self.edges.sheet_ratios.at(self.material.held_poisson_ratio), volumes
+        if self._thin_differ:
+            edges = edges / self.edges.sheet_ratios.at(self.material.held_poisson_ratio)
+        return edges, volumes
 
     @property
     def ready(self) -> bool:
         """Whether the next step need not wait seconds until thin parts are fitted."""
-        of_lattice = self._given or self.options.integrator == FIRST_INTEGRATOR
-        return of_lattice or self.edges.sheet_ratios.ready
+        return not self._thin_differ or self.edges.sheet_ratios.ready
+
+    @property
+    def _thin_differ(self):
+        """Whether thin parts have factors of their own: with the material's compliances alone."""
+        return not self._given and self.options.integrator != FIRST_INTEGRATOR
 
     def set_compliances(self, edges: ArrayLike, volumes: ArrayLike | None) -> None:
         """Take these instead of the material's, until set_material is called.
@@ -334,7 +338,7 @@ class XpbdSolver:
         """
         estimated = self.estimated_young_modulus()
         wanted = HELD_SHARE * self.material.young_modulus
-        if not estimated < wanted or self.options.integrator == FIRST_INTEGRATOR or self._given:
+        if not estimated < wanted or not self._thin_differ:
             return estimated
         held = self.pinned | (self._holds.free_inverse_masses == 0.0)
         if self._pulled is None or self._pulled[0] != held.tobytes():

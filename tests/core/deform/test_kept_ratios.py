@@ -96,9 +96,11 @@ def test_ratios_are_kept_in_the_order_of_tets_and_used_in_that_of_constraints(fo
 
 
 def test_few_tets_are_fitted_in_less_than_a_second(folder):
+    assert fitted([0.5])[0].ready
     few, _ = fitted([0.5])
-    assert few.ready
     many, calls = fitted([0.5], tets=np.zeros((2 * kept_ratios.MANY_TETS, 4), int))
     assert not many.ready and not calls
+    few.follow(np.array([[0, 1]]), many, np.array([[0, 1]]))  # what is left after a cut
+    assert not few.ready
     many.values()
-    assert many.ready
+    assert many.ready and few.ready and few.values().shape == (2, 1)
