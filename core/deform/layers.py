@@ -1,6 +1,6 @@
 """Solve a body that is clamped at one end, for every depth of the clamp at once.
 
-Nodes are in layers, and no element spans more than two.  Layers are eliminated from the free end:
+Nodes are in layers, by their depth.  Layers are eliminated from the free end:
 S_l is what is then left of the matrix of layer l, and F_l of its loads.  Where the layers up to l
 are held, the work of the loads is the sum of F_kᵀ S_k⁻¹ F_k over the layers k > l.
 
@@ -15,22 +15,6 @@ import numpy as np
 
 FLOOR = 1e-12  # of the mean trace of an element: what turns about a hinge is stiff, too
 SMALLEST_HALF = 100  # nodes: below that, halves cost more than they save
-
-
-def count_layers(ends, first):
-    """How many edges each vertex is away from the first ones; -1 where none leads.  [V] int
-
-    Args:
-        ends: [E, 2]
-        first: [V] bool
-    """
-    layers, reached = np.where(first, 0, -1), first
-    while reached.any():
-        touched = np.zeros(len(first), bool)
-        touched[ends[reached[ends].any(axis=1)]] = True
-        reached = touched & (layers < 0)
-        layers[reached] = layers.max() + 1
-    return layers
 
 
 class Layers:
@@ -141,6 +125,5 @@ class Layers:
                 matrix[np.ix_(at, at)] += stiffnesses
             else:
                 index = (at[:, :, None] * width + at[:, None]).ravel()
-                sums = np.bincount(index, stiffnesses.ravel(), width * width)
-                matrix += sums.reshape(width, width)
+                np.add.at(matrix.reshape(-1), index, stiffnesses.ravel())
         return matrix

@@ -3,8 +3,8 @@
 The factors of a lattice (isotropy.py) are those of its endless inside.  What the springs of a
 sheet of 1 to 2.5 cells resist depends on the direction and the height of its cut by up to 40 %,
 so no table of edges has it.  Therefore each thin piece of a mesh (thin.py) is solved at rest, as
-quadratic elements and as springs with volumes: clamped at each of its four ends, up to each layer
-of vertices, under the six loads that would accelerate it rigidly.  The work that two loads do on
+quadratic elements and as springs with volumes: clamped at each of its four ends, to each depth,
+under the six loads that would accelerate it rigidly.  The work that two loads do on
 each other's displacements, W_ij = F_i · u_j, shall be the same.
 
 If the stiffness k of a spring that load i stretches by s_i grows by a factor e^θ, W_ij falls by
@@ -22,7 +22,7 @@ import numpy as np
 
 from ..geometry import signed_volumes
 from .isotropy import SHEET_FACTORS, edge_factors
-from .layers import Layers, count_layers
+from .layers import Layers
 from .locking import volume_shares
 from .quadratic import barycentric_slopes, consistent_masses, element_stiffnesses
 from .thin import on_surface, pieces, thinness
@@ -31,7 +31,7 @@ RATIO = 0.35  # Poisson's ratio at which sheets are fitted
 SLOPE = 0.25  # of ln f over the ratio: without it a cell sags by 2.5 % too much at 0.45
 ENDS = np.pi / 2.0 * np.arange(4)  # angles of the clamped ends, about the axis of least size
 TIES = 1e-6, 2e-6, 3e-6  # rounding must not choose the axes of a ring
-FIRST_LAYER = 0.5  # mean edges from the end
+DEPTH = 0.5  # mean edges from one depth to the next: clamps between err more
 STEPS, LONGEST_STEP, LARGEST = 4, 0.7, 2.0  # of ln f
 RIDGE = 0.003  # what a change of ln f costs, beside a relative error of work
 HINGE = 3.0  # where springs and elements differ more, a part turns about the clamp
@@ -155,14 +155,15 @@ def _errors(springs, logs, layers, goal, bends):
 
 
 def clamped_ends(springs):
-    """For each end the layer of each vertex, counted from there.  [V] int each"""
+    """For each end the layer of each vertex, by its depth there.  [V] int each"""
     offsets = springs.vertices - springs.vertices.mean(axis=0)
     spread = offsets.T @ offsets
     axes = np.linalg.eigh(spread + np.trace(spread) * np.diag(TIES))[1]
     length = np.linalg.norm(np.diff(springs.vertices[springs.ends], axis=1), axis=2).mean()
     for angle in ENDS:
         along = offsets @ (np.cos(angle) * axes[:, 2] + np.sin(angle) * axes[:, 1])
-        layers = count_layers(springs.ends, along <= along.min() + FIRST_LAYER * length)
+        depths = ((along - along.min()) / (DEPTH * length)).astype(int)
+        layers = np.unique(depths, return_inverse=True)[1]
         if layers.max() > 0:
             yield layers
 
