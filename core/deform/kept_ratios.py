@@ -5,6 +5,8 @@ named by the SHA-256 of both.  It holds the SHA-256 of the ratios, then the rati
 Where no file can be written, each process fits again.
 """
 
+import atexit
+import ctypes
 import hashlib
 import logging
 import os
@@ -52,7 +54,9 @@ class SheetRatios:
         """Work them out in a thread of their own."""
         if self._values is None and not self._begun:
             self._begun = True
-            Thread(target=self.values, name="thin parts", daemon=True).start()
+            thread = Thread(target=self.values, name="thin parts", daemon=True)
+            thread.start()
+            atexit.register(_end, thread)
 
     def follow(self, ends, other, other_ends) -> None:
         """Have those that the same edges have in another mesh, and 1 where it has no such edge.
@@ -98,6 +102,17 @@ class SheetRatios:
         if path is not None and time.perf_counter() - since > LEAST_SECONDS:
             _write(path, values)
         return values
+
+
+def _end(thread):
+    """End a thread before the process ends, as soon as what it calls has returned.
+
+    OpenBLAS waits forever for its own threads if it is in use while the process ends.
+    """
+    if thread.is_alive():
+        ident, error = ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ident, error)
+        thread.join()
 
 
 def folder() -> Path:

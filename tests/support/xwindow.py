@@ -161,7 +161,10 @@ class LiveViewer:
         self.tool("mouseup", 1)  # should a test have failed in the middle of a drag
         if self.process.poll() is None:
             self.process.terminate()
-            self.process.wait()
+            try:
+                self.process.wait(30.0)
+            finally:
+                self.process.kill()  # or a process that hangs would outlive the tests
 
 
 def xwd_pixels(raw):

@@ -1,6 +1,8 @@
 """Ratios of thin parts are fitted once: at first need, in any thread, if no file has them."""
 
 import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -93,6 +95,28 @@ def test_ratios_are_kept_in_the_order_of_tets_and_used_in_that_of_constraints(fo
 
     assert shuffled(lambda values: values).at(0.3).tolist() == [1.0, 2.0]
     assert shuffled(lambda values: values[:, ::-1]).at(0.3).tolist() == [2.0, 1.0]
+
+
+def test_a_process_ends_although_thin_parts_are_being_fitted():
+    """Without `_end`, nine of twelve such processes wait for threads of OpenBLAS for ever."""
+    program = """
+import time
+import numpy as np
+from deformrf.core.deform.kept_ratios import SheetRatios
+
+def fit():
+    matrix = np.ones((1500, 1500)) + np.eye(1500)
+    while True:
+        np.linalg.solve(matrix, matrix)
+
+SheetRatios(fit, None, np.eye(4, 3), np.arange(4)[None]).begin()
+time.sleep(0.3)
+"""
+    threads = {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
+    for _ in range(3):
+        command, options = [sys.executable, "-c", program], {"timeout": 60, "capture_output": True}
+        done = subprocess.run(command, env={**os.environ, **threads}, **options)
+        assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_few_tets_are_fitted_in_less_than_a_second(folder):
