@@ -105,9 +105,9 @@ class SheetRatios:
 
 
 def _end(thread):
-    """End a thread before the process ends, as soon as what it calls has returned.
+    """Raise SystemExit in a thread, and wait until it has ended: at most for one product.
 
-    OpenBLAS waits forever for its own threads if it is in use while the process ends.
+    A process that ends while OpenBLAS is in use waits forever for the threads of OpenBLAS.
     """
     if thread.is_alive():
         ident, error = ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit)

@@ -1,8 +1,9 @@
 """Solve a body that is clamped at one end, for every depth of the clamp at once.
 
-Nodes are in layers, by their depth.  Layers are eliminated from the free end:
-S_l is what is then left of the matrix of layer l, and F_l of its loads.  Where the layers up to l
-are held, the work of the loads is the sum of F_kᵀ S_k⁻¹ F_k over the layers k > l.
+Each node is in a layer, by its distance from the clamp.  From the free end on, the layers are
+eliminated one by one: S_l is what is then left of the matrix of layer l, and F_l of its loads.
+Where the layers up to l are held, the work of the loads is the sum of F_kᵀ S_k⁻¹ F_k over the
+layers k > l.
 
 A layer is eliminated as in a multifrontal factorization by nested dissection.  Its elements are
 halved by their places, again and again.  Each half eliminates the nodes that no other element

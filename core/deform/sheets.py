@@ -31,9 +31,9 @@ RATIO = 0.35  # Poisson's ratio at which sheets are fitted
 SLOPE = 0.25  # of ln f over the ratio: without it a cell sags by 2.5 % too much at 0.45
 ENDS = np.pi / 2.0 * np.arange(4)  # angles of the clamped ends, about the axis of least size
 TIES = 1e-6, 2e-6, 3e-6  # rounding must not choose the axes of a ring
-DEPTH = 0.5  # mean edges from one depth to the next: clamps between err more
+DEPTH = 0.5  # of the clamps, one to the next [mean edges]: with 1, those between err by up to 57 %
 STEPS, LONGEST_STEP, LARGEST = 4, 0.7, 2.0  # of ln f
-RIDGE = 0.007  # what a change of ln f costs, beside a relative error of work
+RIDGE = 0.007  # what a change of ln f costs, beside a relative error of work (docs/trials.md)
 HINGE = 3.0  # where springs and elements differ more, a part turns about the clamp
 FLAT = 1e-6  # of the mean volume
 DECIMALS = 3  # of ln f, so that the order of sums in a library does not show
@@ -155,7 +155,7 @@ def _errors(springs, logs, layers, goal, bends):
 
 
 def clamped_ends(springs):
-    """For each end the layer of each vertex, by its depth there.  [V] int each"""
+    """For each end the layer of each vertex: how many DEPTHs it is away from there.  [V] int"""
     offsets = springs.vertices - springs.vertices.mean(axis=0)
     spread = offsets.T @ offsets
     axes = np.linalg.eigh(spread + np.trace(spread) * np.diag(TIES))[1]
