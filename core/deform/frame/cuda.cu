@@ -208,10 +208,10 @@ auto project_edges = [&](int k, bool both, int4 id, float4 a, float4 b, float4 c
     if (both) project_edge_at(k + threads, id.z, id.w, b, c.y);
 };
 auto load_edge = [&](int k, int& first, int& second, float4& span, float& regularization) {
-    const int2 e = __ldcg(edge_slots + k);
+    const int2 e = __ldg(edge_slots + k);
     first = e.x; second = e.y;
-    span = __ldcg(edge_spans + k);
-    regularization = __ldcg(frame.edges.regularization.data + k);
+    span = __ldg(edge_spans + k);
+    regularization = __ldg(frame.edges.regularization.data + k);
 };
 #else
 // An edge's slots and its a are in two numbers: where its ends are in shared memory, and a.
@@ -243,9 +243,9 @@ auto project_edges = [&](int k, bool both, int4 id, float4 a, float4 b, float4 c
     put_at(second, q);
 };
 auto load_edge = [&](int k, int& slots, int& bits, float4& span, float&) {
-    const int2 e = __ldcg(edge_slots + k);
+    const int2 e = __ldg(edge_slots + k);
     slots = e.x; bits = e.y;
-    span = __ldcg(edge_spans + k);
+    span = __ldg(edge_spans + k);
 };
 #endif
 auto project_tet_at = [&](int4 t, float4 a, float4 b, float4 c) {
@@ -260,7 +260,7 @@ auto project_tet_at = [&](int4 t, float4 a, float4 b, float4 c) {
 };
 
 // Ahead of a color, a thread loads its first two edges (or its first tet) of it, and its further
-// ones when it gets there.
+// ones when it gets there.  Nothing writes them during the frame, so L1 may keep them (__ldg).
 struct Ahead { int4 id; float4 a, b, c; int k, end; };
 auto load_edges = [&](Ahead& s) {
     if (s.k < s.end) load_edge(s.k, s.id.x, s.id.y, s.a, s.c.x);
@@ -268,10 +268,10 @@ auto load_edges = [&](Ahead& s) {
 };
 auto load_tet = [&](Ahead& s) {
     if (s.k < s.end) {
-        s.id = __ldcg(tet_slots + s.k);
-        s.a = __ldcg(tet_spans + s.k);
-        s.b = __ldcg(tet_spans + tet_space + s.k);
-        s.c = __ldcg(tet_spans + 2 * tet_space + s.k);
+        s.id = __ldg(tet_slots + s.k);
+        s.a = __ldg(tet_spans + s.k);
+        s.b = __ldg(tet_spans + tet_space + s.k);
+        s.c = __ldg(tet_spans + 2 * tet_space + s.k);
     }
 };
 int2 range = {0, 0};  // of the color that is loaded next
