@@ -18,6 +18,7 @@ from threading import Lock, Thread
 
 import numpy as np
 from platformdirs import user_cache_path
+from threadpoolctl import threadpool_limits
 
 from ..base.paths import whole_file
 from . import sheets
@@ -98,7 +99,10 @@ class SheetRatios:
         if values is not None:
             return values
         since = time.perf_counter()
-        values = self._fit()
+        # Matrices are small: a second thread of BLAS takes a core and saves a tenth of the time,
+        # and where other programs keep cores busy, threads wait for each other for minutes.
+        with threadpool_limits(1, "blas"):
+            values = self._fit()
         if path is not None and time.perf_counter() - since > LEAST_SECONDS:
             _write(path, values)
         return values
@@ -107,7 +111,7 @@ class SheetRatios:
 def _end(thread):
     """Raise SystemExit in a thread, and wait until it has ended: at most for one product.
 
-    A process that ends while OpenBLAS is in use waits forever for the threads of OpenBLAS.
+    A process that ends while OpenBLAS is in use waits for its threads for ever, or crashes.
     """
     if thread.is_alive():
         ident, error = ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit)
