@@ -5,19 +5,25 @@ can fold over it into a minimum of the energy in which no tet is inverted.  A pa
 nothing holds it, it is not in its rest shape, and its distance to that shape hardly shrinks from
 one look to the next.
 
-There are exceptions.  A part in contact may be kept in another shape, so it is not stuck while it
-is slow.  If it is fast, it is stuck: a very stiff folded part can turn for ever, because each
-substep's projections push it on, against damping and air drag.  Without air drag a part may fly and
-turn for ever, and its spin stretches it; so without air drag a fast part is never stuck.
+There are exceptions.  A slow part that contacts keep in another shape is not stuck.  Whether they
+keep it is tried out: TRIAL seconds pass in which nothing collides, and are taken back.  If the part
+hardly moved by itself, contacts only happen to be there, as in a loop that has turned over.  A fast
+part is stuck, in contact or not: a very stiff folded part can turn for ever, because each substep's
+projections push it on, against damping and air drag.  Without air drag a part may fly and turn for
+ever, and its spin stretches it; so without air drag a fast part is never stuck.
 
 Shapes: V vertices, P parts (connected components).
 """
 
+import math
+
 import numpy as np
+import warp as wp
 
 from .holds import Holds
 from .rescue import Rescue, distortion, ways_back
 from .rest_shape import RestShape
+from .xpbd_options import TIME_STEP
 
 PINS_OFF = 0.01  # object sizes by which pins may have moved relative to each other
 STUCK_OFF = 0.02  # object sizes by which a part that is stuck is away from its rest shape
@@ -26,6 +32,8 @@ STUCK_SPEED = 0.5  # object sizes per second, beyond which a part is fast
 LEAST_DAMPING = 1.0  # 1/s; with less, a motion may go on from look to look
 SWINGS = 6.0  # 1/damping between looks, in which a swing falls to e⁻³
 STUCK_INTERVAL = 2.0  # s between looks, at least
+TRIAL = 0.5  # s
+FREED = 0.1  # of its distance, by which a part moves in a trial if contacts kept it
 
 
 class Recovery:
@@ -38,10 +46,12 @@ class Recovery:
         contact: The body's Contact.
         part_of: [V]
         size: The longest side of the body [m].
+        alone: Runs one frame in which nothing collides.
     """
 
-    def __init__(self, state, holds: Holds, rest_shape: RestShape, contact, part_of, size):
+    def __init__(self, state, holds: Holds, rest_shape: RestShape, contact, part_of, size, alone):
         self.rescue, self._ratio = Rescue(), None  # the ratio that coefficients are made for
+        self._alone, self._dt = alone, TIME_STEP
         self._state, self._holds, self._rest_shape = state, holds, rest_shape
         self._contact, self._drag, self._interval = contact, 0.0, STUCK_INTERVAL
         self._part_of, self._size = part_of, size
@@ -65,6 +75,7 @@ class Recovery:
             drag: Of the air [1/s].
             lies: Whether the body may lie on a ground.
         """
+        self._dt = dt
         self._load = load if self._pins_are_as_at_rest() else "pins"
         self._comes_back = self.returns_to_rest and damping >= LEAST_DAMPING and not lies
         self._drag = drag
@@ -88,8 +99,9 @@ class Recovery:
         if self.rescue.given_up or not self._comes_back:
             return True
         if self._is_far is None:
-            far = (self._distances() > STUCK_OFF * self._size).any()
-            self._is_far = bool(far) and not self._contact.found()
+            away = self._distances()
+            far = away > STUCK_OFF * self._size
+            self._is_far = bool(far.any()) and bool((far & ~self._kept_by_contact(away)).any())
         return not self._is_far
 
     def report(self, counts):
@@ -156,10 +168,26 @@ class Recovery:
                 fast = self._longest(self._state.velocities.numpy()) > STUCK_SPEED * self._size
                 if not self._drag > 0.0:
                     stuck &= ~fast
-                if self._contact.found():
-                    stuck &= fast
+                if (stuck & ~fast).any():
+                    stuck &= fast | ~self._kept_by_contact(away)
             self._stuck = stuck.astype(int)
         self._since_look, self._is_far = 0.0, None
+
+    def _kept_by_contact(self, away):
+        """Which parts at these distances from their rest shape would move without contacts.  [P]"""
+        if not self._contact.found():
+            return np.zeros(len(away), bool)
+        if self._contact.first:  # as sessions of that integrator had it
+            return np.ones(len(away), bool)
+        state = self._state
+        moving = state.vertices, state.deltas, state.velocities, state.anchors
+        before = [wp.clone(array) for array in moving]
+        for _ in range(math.ceil(TRIAL / self._dt)):
+            self._alone()
+        freed = np.abs(self._distances() - away) > FREED * away
+        for array, values in zip(moving, before, strict=True):
+            wp.copy(array, values)
+        return freed
 
     def _longest(self, vectors):
         """The largest length of a vector [V, 3] of each part.  [P]"""

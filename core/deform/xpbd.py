@@ -119,7 +119,7 @@ class XpbdSolver:
         self._contact = Contact(self.rest_vertices, self.volumes.vertices, self._state, self._frame)
         self._contact.take(self.options.integrator)
         body = self._holds, self._rest_shape, self._contact, self._part_of, self.object_size
-        self._recovery = Recovery(arrays.state, *body)
+        self._recovery = Recovery(arrays.state, *body, lambda: self._run(False, 0, False))
         self.rescue = self._recovery.rescue
         self.set_material(material)
         self.reset()
@@ -390,15 +390,7 @@ class XpbdSolver:
         touching = self.options.contact and self._find_contacts()
         if self._stale:
             self._prepare()
-        self._frame.run(
-            self.options.substeps(dt),
-            self._compliances[1] is not None or self.rescue.ratio is not None,
-            self._holds.springs is not None,
-            self.options.ground is not None,
-            self._free_parts.damp(),
-            self._colliders.begin(),
-            touching,
-        )
+        self._run(self._free_parts.damp(), self._colliders.begin(), touching)
         if self.options.contact:
             self._contact.watch(dt)
         self._colliders.end()
@@ -406,6 +398,22 @@ class XpbdSolver:
             self._rest_shape.flow()
         returns = count_due and self._recovery.returns_to_rest
         self._feedback.end(self.vertices, count_due, returns, self._guard.begin(dt))
+
+    def _run(self, damped_free, collider_count, touching):
+        """One frame of the vertices.
+
+        Args:
+            damped_free: Whether the motion of free parts is damped already.
+        """
+        self._frame.run(
+            self.options.substeps(self._dt),
+            self._compliances[1] is not None or self.rescue.ratio is not None,
+            self._holds.springs is not None,
+            self.options.ground is not None,
+            damped_free,
+            collider_count,
+            touching,
+        )
 
     def _find_contacts(self):
         """Whether parts touch in this frame; wakes those that a part in motion touches."""

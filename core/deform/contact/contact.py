@@ -35,6 +35,7 @@ class Contact:
 
     Attributes:
         arrays: ContactArrays with the contacts of this frame; None before the first search.
+        first: Whether bodies collide as with the first integrator.
     """
 
     def __init__(self, rest_vertices, tets, state: VertexArrays, frame=None):
@@ -54,7 +55,7 @@ class Contact:
         # How far the nearest boxes were apart, how far vertices may have gone since, and went in
         # the last frame that is known [m].
         self._clearance = self._travel = self._motion = 0.0
-        self._first = DEFAULT_INTEGRATOR == FIRST_INTEGRATOR
+        self.first = DEFAULT_INTEGRATOR == FIRST_INTEGRATOR
         self._entered = False  # whether samples may have faces by which they leave bodies
         self._launches = {}
         self._listing = None
@@ -62,8 +63,8 @@ class Contact:
     def take(self, integrator: str):
         """With the first integrator bodies lie deeper in each other, and each face counts."""
         first = integrator == FIRST_INTEGRATOR
-        if first != self._first:
-            self._first = first
+        if first != self.first:
+            self.first = first
             self.arrays = self._dt = self._moods_of = None  # so the next search builds
             self.look_again()
 
@@ -194,7 +195,7 @@ class Contact:
         self._entries = self.arrays.entries
         if device.is_cuda:  # threads enter them in any order
             self._entries = wp.zeros_like(self.arrays.entries)
-        soft_depth = FIRST_SOFT_DEPTH if self._first else SOFT_DEPTH
+        soft_depth = FIRST_SOFT_DEPTH if self.first else SOFT_DEPTH
         self.arrays.limits.assign(np.array([soft_depth, SPEED], np.float32) * edge)
         if self._frame is not None:
             self._frame.set_contacts(self.arrays)
@@ -214,7 +215,7 @@ class Contact:
         self._launch(boxes.small_box_kernel, len(self._small_boxes[0]), *inputs)
         where = *self._small_boxes, self._touched, self._overlaps
         lanes = detection.lane_count(self._device)
-        alike = EACH_FACE if self._first else ONE_WAY
+        alike = EACH_FACE if self.first else ONE_WAY
         limits = self._dt, self._margin, self._tolerance, alike, lanes
         inputs = shape, state, *where, *limits, self._exits, self._found, counts, contacts.counts
         self._launch(detection.find_kernel, len(counts) * lanes, *inputs)

@@ -80,6 +80,32 @@ def test_what_contacts_or_its_flight_hold_is_not_stuck(monkeypatch, found, drag,
     assert (after is not None) == rescued
 
 
+@pytest.mark.parametrize(
+    "integrator, after", [("extrapolated", 2 * STUCK_INTERVAL), ("euler", None)]
+)
+def test_what_would_not_move_without_its_contacts_either_is_stuck(monkeypatch, integrator, after):
+    """As a loop that turned over and lies against itself.  Euler's sessions are as they were."""
+    solver = make_solver(air_drag=1.0, integrator=integrator)
+    monkeypatch.setattr(solver._contact, "found", lambda: True)
+    monkeypatch.setattr(solver._recovery, "_alone", lambda: None)
+    rescued = hold_still(solver, BENT, 10.0)
+    assert (rescued is None) == (after is None) and (after is None or after <= rescued <= after + 3)
+
+
+def test_a_trial_without_contacts_is_taken_back(monkeypatch, device):
+    solver = XpbdSolver(REST, MESH.tets, Material(), NOBODY, XpbdOptions(air_drag=1.0), device)
+    solver.set_state(BENT)
+    for _ in range(10):
+        solver.step(DT)
+    arrays = solver.vertices, solver.velocities, solver._state.deltas, solver._state.anchors
+    before = [array.numpy().copy() for array in arrays]
+    away = solver._recovery._distances()
+    monkeypatch.setattr(solver._contact, "found", lambda: True)
+    assert solver._recovery._kept_by_contact(away).all()  # it went on to its rest shape
+    for array, values in zip(arrays, before, strict=True):
+        np.testing.assert_array_equal(array.numpy(), values)
+
+
 @pytest.mark.parametrize("rigid", [False, True])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_columns_that_were_folded_for_ever_come_back(seed, rigid):
@@ -112,7 +138,7 @@ def test_at_rest_nothing_is_stuck():
 
 @pytest.mark.parametrize("found", [False, True])
 def test_a_still_body_in_another_shape_stays_awake(monkeypatch, found):
-    """Else it would sleep there for ever; but what contacts hold may sleep."""
+    """Else it would sleep there for ever; but what contacts keep there may sleep."""
     solver = make_solver()
     monkeypatch.setattr(solver._contact, "found", lambda: found)
     solver.set_state(BENT)
