@@ -16,7 +16,7 @@ from ..core.base import schema
 from ..core.base.paths import whole_file
 from ..core.base.reading import open_file
 from ..core.base.streams import shown
-from .settings import PANEL_WIDTHS, SIDES, Settings
+from .settings import HANDS, PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
@@ -25,6 +25,7 @@ SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
 KEPT = (  # of the Settings
     "background",
     "grab_radius",
+    "hand",
     "show_panel",
     "panel_side",
     "panel_width",
@@ -42,6 +43,7 @@ class Preferences:
     target_fps: float | None = None  # None: what suits the device
     background: tuple[float, float, float] = DEFAULT.background
     grab_radius: float = DEFAULT.grab_radius
+    hand: str = DEFAULT.hand
     show_panel: bool = DEFAULT.show_panel
     panel_side: str = DEFAULT.panel_side
     panel_width: float = DEFAULT.panel_width
@@ -82,6 +84,7 @@ GOOD = {  # name: whether a value of the file is one
     "target_fps": schema.optional(schema.number(2.0, 120.0)),
     "background": schema.vector(3, schema.number(0.0, 1.0)),
     "grab_radius": schema.number(0.0, 0.4),
+    "hand": schema.one_of(HANDS),
     "show_panel": schema.flag,
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),

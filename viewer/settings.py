@@ -12,6 +12,7 @@ SHOWN = (  # in films too
     *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
+HANDS = "physics", "pose"  # what becomes of what a hand lets go: it swings back, or stays
 PHOTOGRAPHS = "hidden", "over", "beside"  # the render
 GRAB_RADII = 0.0, 0.4  # object sizes
 PANEL_WIDTHS = 260.0, 700.0  # points
@@ -27,6 +28,7 @@ class Settings:
     checkerboard: bool = False  # behind the object instead of the background
     grab_radius: float = 0.08  # what a drag takes along, in object sizes
     soft_grab: bool = False  # pull by springs, weaker towards the radius, not exactly
+    hand: str = "physics"  # one of HANDS
     tool: str = "grab"  # what a left drag does, one of TOOLS
     fixed_resolution: float | None = None  # a factor; without it, what target_fps allows
     target_fps: float = TARGET_FPS

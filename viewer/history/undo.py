@@ -74,7 +74,9 @@ def restore(scene, state: dict) -> None:
 
 def begin_anew(scene) -> None:
     """Return to the state of the first frame, without a past."""
+    hand = scene.settings.hand
     restore(scene, scene.first_state)
+    scene.settings.hand = hand  # a preference
     scene.paused = False
     scene.solver.reset()  # it sleeps
     scene.journal.clear()

@@ -37,7 +37,9 @@ INPUTS = (
     Input("double click on the object", "a new red point there"),
     Input("click on a gray pin", "free it"),
     Input("wheel while dragging", "take more or less along"),
+    Input("click on a golden point", "let it go: it was left there in Pose"),
     Input("P", "pin what is held, selected or under the mouse", "P", "pin", "Edit/Pin"),
+    Input("N", "Pose: what is let go stays; or Physics: it swings back", "N", "pose", "Edit/Pose"),
     Input("X", "while dragging: along x only, or freely again", "X", "along_x"),
     Input("Y", "along y only", "Y", "along_y"),
     Input("Z", "along z only", "Z", "along_z"),
@@ -219,6 +221,14 @@ def _reset(app):
     app.scene.reset()
 
 
+def _pose(app):
+    handles = app.scene.handles
+    handles.choose_hand("physics" if app.scene.settings.hand == "pose" else "pose")
+
+
+_pose.is_on = lambda app: app.scene.settings.hand == "pose"
+
+
 def _next_mode(app):
     settings = app.scene.settings
     settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
@@ -322,6 +332,7 @@ ACTIONS = {  # functions of the App; what can be on or off has `is_on`, which me
     "pause": _toggle("paused", attrgetter("scene")),
     "single_step": lambda app: app.scene.single_step(),
     "pin": lambda app: app.controls.pin(),
+    "pose": _pose,
     "along_x": lambda app: app.controls.along(0),
     "along_y": lambda app: app.controls.along(1),
     "along_z": lambda app: app.controls.along(2),

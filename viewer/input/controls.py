@@ -35,7 +35,9 @@ LEFT, MIDDLE, RIGHT = 1, 2, 4
 SHIFT, CTRL = 1, 2
 PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
 ZOOM_PER_NOTCH = 0.88
-PAUSED = "paused: it follows when time goes on (Space), or by a step (.)"
+PAUSED = "paused: it follows when time goes on (Space), by a step (.), or in Pose (N)"
+PAUSED_BALL = "paused: the ball pushes when time goes on (Space), or by a step (.)"
+STAYS = "it stays there; a click on the golden point lets it go"
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 DOUBLE_CLICK = 0.4  # s between two presses at one place
@@ -185,11 +187,17 @@ class Controls:
         elif self.mode == "grab":
             if handles.grabbed is not None:
                 vertex = handles.grabbed.handles[0]
-                handles.release()
+                handles.let_go()
+                if vertex in handles.posed:
+                    self._say(STAYS)
                 scene.settings.has_dragged = True
                 self._log("release", vertex=vertex, position=self._place(vertex))
         elif self.mode == "bone":
             self.bones.release()
+        elif (
+            self.mode == "pick" and self._picked in handles.posed and not modifiers & (SHIFT | CTRL)
+        ):
+            self._set_pin(self._picked, False)
         elif self.mode == "pick":
             if not modifiers & (SHIFT | CTRL):
                 handles.select([self._picked])
@@ -208,6 +216,17 @@ class Controls:
             orbit = scene.orbit
             self._log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
         self._end()
+
+    def _end_click(self, modifiers):
+        """A click on a handle: a posed one is let go, any other one selected."""
+        handles = self.scene.handles
+        alone = not modifiers & (SHIFT | CTRL)
+        if alone and self._picked in handles.posed:
+            self._set_pin(self._picked, False)
+            return
+        if alone:
+            handles.select([self._picked])
+        self._log("select", vertices=handles.selected)
 
     def _end(self):
         self.mode, self._button, self.dragging, self.region = "", 0, None, []
@@ -261,7 +280,7 @@ class Controls:
         if not chosen:
             self._say("nothing to pin: select red points, or point at one")
             return
-        free = [one for one in chosen if not handles.is_pinned(one)]
+        free = [one for one in chosen if one in handles.posed or not handles.is_pinned(one)]
         handles.set_pins(free or chosen, bool(free))
         self._log("pin" if free else "free", vertex=chosen[0])
 
@@ -325,7 +344,7 @@ class Controls:
         handles.grab(handle)
         handles.hover = handle
         self.mode = "grab"
-        if scene.paused:
+        if scene.paused and scene.settings.hand != "pose":
             self._say(PAUSED)
         self._log("grab", vertex=handle, position=self._place(handle), pixel=center)
 
@@ -378,6 +397,10 @@ class Controls:
     def _push(self, pixel):
         """Put the ball on the surface under the mouse."""
         scene, point = self.scene, self._surface_at(pixel)
+        if scene.timeline.stands:  # at a pose of the timeline: a hand lets time go on
+            scene.paused = False
+        if scene.paused:
+            self._say(PAUSED_BALL)
         scene.push(point, -ray(self.camera, pixel)[1])
         (center,), _ = project(self.camera, scene.ball.target[None])
         self._miss = pixel - center

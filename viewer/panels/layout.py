@@ -17,6 +17,7 @@ from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
 from .film import film_window, progress_window
+from .hand import hand_switch
 from .history import history_panel
 from .leaving import leaving_window
 from .menu import menu_bar
@@ -77,6 +78,7 @@ def draw_panels(app) -> None:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_timeline:
         _strip(app)
+    _hand(app, above)
     if app.scene.settings.show_help and not question(app):
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
@@ -157,6 +159,16 @@ def _main_panel(app, top):
             app.gui.guarded(panel, app)
             imgui.pop_id()
     imgui.pop_item_width()
+    app.gui.claim()
+    imgui.end()
+
+
+def _hand(app, above):
+    """The switch between Physics and Pose, in the view's lower left corner."""
+    place = covered(app).left + MARGIN, imgui.get_io().display_size.y - above - MARGIN
+    imgui.set_next_window_pos(place, pivot=(0.0, 1.0))
+    imgui.begin("hand", flags=FLOATING)
+    app.gui.guarded(hand_switch, app)
     app.gui.claim()
     imgui.end()
 

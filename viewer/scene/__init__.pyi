@@ -1,4 +1,4 @@
-from .scene import Scene as Scene
+from .scene import MAX_STEPS as MAX_STEPS, Scene as Scene
 from .body import EARTH as EARTH
 from .cuts import masks_of as masks_of
 from .handles import MOST_ADDED as MOST_ADDED

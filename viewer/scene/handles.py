@@ -44,6 +44,7 @@ class Handles:
         self.names: dict[int, str] = {}
         self.grabbed: Grab | None = None
         self.patches = np.zeros(mesh.vertex_count, int)
+        self._posed: tuple[int, ...] = ()
 
     # -- where they are ------------------------------------------------------------------
 
@@ -62,18 +63,34 @@ class Handles:
 
     @property
     def control_ids(self):
-        """What can be dragged: control points that are not pinned, and pins that were freed."""
+        """What can be dragged: points that are not pinned, freed pins, and what is posed."""
         pins, pinned, near = self._scene.pins, self._scene.solver.pinned, self._scene.near
         free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._scene.cuts.points_left())
         freed = near[pins[near] & ~pinned[near] & pinned.any()]
         ids = np.concatenate([len(pins) + free, freed])
+        ids = np.append(ids, [one for one in self.posed if one not in ids]).astype(int)
         return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
 
     @property
     def pin_ids(self):
         """The pins that are drawn: those by the surface."""
         near = self._scene.near
-        return near[self._scene.solver.pinned[near]]
+        return near[self._scene.solver.pinned[near] & ~self._posed_vertices[near]]
+
+    @property
+    def posed(self) -> tuple[int, ...]:
+        """Handles that stay where a hand has left them in *Pose*.
+
+        Their patches are pinned, until they are dragged again, or let go by a click or a reset.
+        """
+        pinned = self._scene.solver.pinned
+        return tuple(one for one in self._posed if pinned[self.corners(one)].all())
+
+    @property
+    def _posed_vertices(self):
+        """Which vertices posed handles hold.  [V] bool"""
+        numbers = [self.patches[self.corners(one)].max() for one in self.posed]
+        return np.isin(self.patches, numbers) & (self.patches > 0)
 
     def corners(self, handle: int):
         """The vertices that a handle is made of.  [1 or 4] ids"""
@@ -116,6 +133,9 @@ class Handles:
         """Select and point at nothing that was deleted."""
         left = {*self.control_ids.tolist(), *self.pin_ids.tolist()}
         self.selected, self.hover = [one for one in self.selected if one in left], None
+        vertices, points = self._scene.cuts.vertices, self._scene.cuts.points_left()
+        there = np.concatenate([vertices, points])
+        self._posed = tuple(one for one in self._posed if there[one])
 
     def hide(self) -> int:
         """Hide the selected handles; returns how many that are."""
@@ -186,13 +206,17 @@ class Handles:
         solver = self._scene.solver
         positions = solver.vertices.numpy().copy()
         before = positions, solver.velocities.numpy().copy()
+        held_before = None
+        if posed := set(handles) & set(self.posed):
+            held_before = solver.pinned.copy(), self.patches.copy()
+            self._free(posed)
         (start,) = self.at(handles[:1], positions)
         yields = math.isfinite(self._scene.body.material.yield_strain)
         lengths = solver.rest_lengths if yields else None
         center = self.at(handles, positions).mean(axis=0)
         motion = Motion(start, center - start)
         self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths, stood)
-        self.grabbed.first_radius = radius
+        self.grabbed.first_radius, self.grabbed.held_before = radius, held_before
         self._attach(radius, positions)
 
     def _attach(self, radius, positions):
@@ -268,6 +292,27 @@ class Handles:
             self._scene.grip.release()
             self.grabbed = None
 
+    def let_go(self) -> None:
+        """Let go of what is held; in *Pose* it stays where it is."""
+        if self._scene.settings.hand == "pose":
+            self._pose_grab(self._pin_radius)
+        else:
+            self.release()
+
+    @edit("pose_grab")
+    def _pose_grab(self, radius):
+        grab = self.grabbed
+        self.release()
+        if grab is not None:
+            for handle in grab.handles:
+                self._set_pin(handle, True, radius)
+            self._posed = (*self._posed, *grab.handles)
+
+    @edit("choose_hand", undo="{hand}")
+    def choose_hand(self, hand: str) -> None:
+        """Choose one of HANDS."""
+        self._scene.settings.hand = hand
+
     @edit("cancel")
     def cancel(self) -> None:
         """Let go; pose, velocities and a time that stood still are as before the grab."""
@@ -277,6 +322,9 @@ class Handles:
             return
         scene.settings.grab_radius = grab.first_radius / scene.size
         scene.journal.forget_step("drag")
+        if grab.held_before is not None:
+            pinned, self.patches = grab.held_before
+            scene.solver.set_pinned(pinned)
         scene.solver.set_state(*grab.before)
         if grab.rest_lengths is not None:
             scene.solver.set_rest_lengths(grab.rest_lengths)
@@ -324,19 +372,35 @@ class Handles:
             raise ValueError(f"there is no handle {vertex}")
         scene = self._scene
         scene.timeline.stop()  # the next key would set other pins
-        pins = scene.solver.pinned.copy()
         if pinned:
-            patch = self.patch(vertex, radius)
+            pins, patch = scene.solver.pinned.copy(), self.patch(vertex, radius)
             patch = patch[~pins[patch]]
             self.patches[patch] = self.patches.max() + 1
             pins[patch] = True
+            scene.solver.set_pinned(pins)
+            self._posed = tuple(one for one in self._posed if one != vertex)
         else:
-            number = self.patches[self.corners(vertex)].max()
-            patch = self.patches == number if number else self.corners(vertex)
-            pins[patch], self.patches[patch] = False, 0
-        scene.solver.set_pinned(pins)
+            self._free([vertex])
         self.hover = None
         scene.keep_in_sight()
+
+    def _free(self, handles):
+        """Free the patches of these handles."""
+        pins = self._scene.solver.pinned.copy()
+        for handle in handles:
+            number = self.patches[self.corners(handle)].max()
+            patch = self.patches == number if number else self.corners(handle)
+            pins[patch], self.patches[patch] = False, 0
+        self._scene.solver.set_pinned(pins)
+
+    def free_posed(self) -> None:
+        """Let all posed handles go."""
+        if self.posed:
+            self._free(self.posed)
+
+    def forget_patches(self) -> None:
+        """The object was pinned or freed as a whole; what is posed stays so while it is held."""
+        self.patches[~self._posed_vertices] = 0
 
     # -- more points ---------------------------------------------------------------------
 
@@ -358,12 +422,14 @@ class Handles:
 
     def state(self) -> dict:
         """What edits change, besides pins."""
-        kept = {name: getattr(self, name) for name in ("points", "hidden", "names")}
-        return kept | {"patches": self.patches.copy()}
+        kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
+        return kept | {"patches": self.patches.copy(), "hand": self._scene.settings.hand}
 
     def restore(self, state: dict) -> None:
         """Return to a state."""
-        vars(self).update(state)
+        own = dict(state)
+        self._scene.settings.hand = own.pop("hand")
+        vars(self).update(own)
         self.patches = self.patches.copy()
         self.selected = [one for one in self.selected if self.exists(one)]
         self.hover = None

@@ -74,7 +74,7 @@ class Scene:
         points = self._surface[chosen if chosen.any() else slice(None)]
         self.handles = Handles(self, points)
         self.ball: Ball | None = None
-        self._paused = False
+        self._paused = self._settling = False
         self.revision = 0  # counts the changes of the pose
         self._time = 0.0  # s that frames have lasted and no step has covered
         self._seen = None  # the revision, and its vertices: a copy on the device
@@ -134,13 +134,14 @@ class Scene:
 
     @property
     def moving(self) -> bool:
-        """Whether time changes the pose."""
-        return self.timeline.playing or self.posing.playing or self._steps
+        """Whether time, or a hand while it is stopped, changes the pose."""
+        return self.timeline.playing or self.posing.playing or self._steps or self._settles
 
     @property
     def waits(self) -> bool:
         """Whether a step would wait seconds for what it needs, which a thread works out."""
-        moved = self.timeline.playing or self.posing.playing or not self._steps
+        steps = self._steps or self._settles
+        moved = self.timeline.playing or self.posing.playing or not steps
         if moved or self.solver.ready:
             return False
         self.solver.edges.sheet_ratios.begin()
@@ -149,6 +150,12 @@ class Scene:
     @property
     def _steps(self):
         return not self.paused and not (self.solver.settled and not self._pushes)
+
+    @property
+    def _settles(self):
+        """Whether a hand poses the object while time is stopped, or has and it isn't still yet."""
+        poses = self.paused and self.settings.hand == "pose" and not self.solver.settled
+        return poses and (self._settling or self.handles.grabbed is not None)
 
     @property
     def _pushes(self):
@@ -163,8 +170,10 @@ class Scene:
         count = min(round(self._time / TIME_STEP), MAX_STEPS)
         self._time = min(self._time - count * TIME_STEP, TIME_STEP)
         ball = self.ball
+        self._settling = self._settles
         if self.paused:
             self.posing.follow()
+            self._find_equilibrium(count)
         for remaining in range(count, 0, -1):  # each tick takes its share of the way
             if not self.paused:
                 self.handles.follow(1.0 / remaining)
@@ -173,6 +182,19 @@ class Scene:
                 self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
             self.tick(seen=remaining == 1)
         self.look()
+
+    def _find_equilibrium(self, count):
+        """While time is stopped, what a hand poses takes the rest along."""
+        if count and self._settling:
+            self.handles.follow()
+            self._settle(count)
+
+    @edit("settle")
+    def _settle(self, count):
+        """Go on to the equilibrium by so many steps, each from standing still."""
+        for _ in range(count):
+            self.solver.step(TIME_STEP)
+            self.solver.velocities.zero_()
 
     def tick(self, seen: bool = True) -> None:
         """Let a tick pass: a step, if the object moves and isn't moved by timeline or clip.
@@ -242,6 +264,7 @@ class Scene:
         self.timeline.stop()
         self.posing.rest()
         self.handles.release()
+        self.handles.free_posed()
         self.end_push()
         self.solver.reset()
         if self.held and not self.solver.pinned[self.pins].all():  # some were freed
@@ -306,7 +329,7 @@ class Scene:
         """Pin the lowest vertices of the object where it is, or let all of it float."""
         self.timeline.stop()
         self.solver.set_pinned((self.pins | self.solver.pinned) & held)
-        self.handles.patches[:] = 0
+        self.handles.forget_patches()
         self.keep_in_sight()
 
     @property

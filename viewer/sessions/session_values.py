@@ -30,8 +30,8 @@ from ...wings.rig import METHODS, MOST_BONES
 from ..camera import CLOSEST, FARTHEST, Orbit
 from ..history import EDITS
 from ..rigging import ENDS, LOOSE, SPEEDS
-from ..scene import LONGEST_NAME, MOST_ADDED, MOST_POINTS
-from ..settings import MESH_RANGES, SHOWN, SURFACES
+from ..scene import LONGEST_NAME, MAX_STEPS, MOST_ADDED, MOST_POINTS
+from ..settings import HANDS, MESH_RANGES, SHOWN, SURFACES
 from ..timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
 from ..timeline import LONGEST as LONGEST_KEY
 
@@ -87,6 +87,8 @@ ARGUMENTS = {
     "height": optional(coordinate),
     **dict.fromkeys(("soft", "pinned", "held", "on", "contact", "pose"), flag),
     "substep_count": integer(1, 1000),
+    "count": integer(1, MAX_STEPS),
+    "hand": one_of(HANDS),
     "automatic_substeps": flag,
     "integrator": one_of(INTEGRATORS),
     # of a material

@@ -85,9 +85,18 @@ def test_the_camera_looks_along_an_axis(app_like, controls, action, towards):
     np.testing.assert_array_equal(app_like.scene.orbit.target, target)
 
 
-def test_a_drag_while_paused_says_why_nothing_moves(controls, scene):
+@pytest.mark.parametrize("mode, told", [("physics", [c.PAUSED]), ("pose", [])])
+def test_a_drag_while_paused_says_why_nothing_moves(controls, scene, mode, told):
     said = []
     controls._say = said.append
-    scene.paused = True
+    scene.settings.hand, scene.paused = mode, True
     controls._grab(int(scene.handles.control_ids[0]))
-    assert said == [c.PAUSED]
+    assert said == told
+
+
+def test_n_switches_between_physics_and_pose(app_like, scene):
+    assert a.action_of("N", False) == "pose" and not a.ACTIONS["pose"].is_on(app_like)
+    a.ACTIONS["pose"](app_like)
+    assert scene.settings.hand == "pose" and a.ACTIONS["pose"].is_on(app_like)
+    a.ACTIONS["undo"](app_like)
+    assert scene.settings.hand == "physics"

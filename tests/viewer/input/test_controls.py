@@ -67,6 +67,28 @@ def test_released_the_object_goes_back(controls, scene, events):
     assert [name for name, _ in events] == ["grab", "release"]
 
 
+def test_in_pose_it_stays_a_click_lets_it_go_and_p_pins_it(controls, scene):
+    said = []
+    controls._say = said.append
+    scene.settings.hand = "pose"
+    vertex = front_vertex(controls)
+    for pinned in False, True:
+        press = pixel_of(controls, vertex)
+        controls.press(press, "left")
+        controls.drag(press + np.array([20.0, 0.0]), 20, 0)
+        scene.advance(1 / 30)
+        controls.release("left")
+        assert scene.handles.posed == (vertex,) and said.pop() == c.STAYS
+        if pinned:
+            scene.handles.hover = vertex
+            controls.pin()
+        else:
+            controls.press(pixel_of(controls, vertex), "left")
+            controls.release("left")
+        assert not scene.handles.posed and not scene.handles.selected
+        assert scene.handles.is_pinned(vertex) == pinned
+
+
 def test_pins_do_not_move_with_a_drag(controls, scene):
     scene.settings.grab_radius = 2.0  # everything
     press = pixel_of(controls, front_vertex(controls))
@@ -258,6 +280,21 @@ def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
     controls.release("left")
     assert scene.ball is None and not scene.solver.options.colliders
     assert [name for name, _ in events] == ["push", "end_push"]
+
+
+@pytest.mark.parametrize("stands", [False, True], ids=["paused", "at a timeline's pose"])
+def test_a_ball_says_why_it_waits_or_lets_time_go_on(controls, scene, stands):
+    said = []
+    controls._say = said.append
+    scene.settings.tool = "push"
+    if stands:
+        scene.timeline.key(0, None, True)
+        scene.timeline.scrub(0)
+    else:
+        scene.paused = True
+    assert scene.paused
+    controls.press(pixel_of(controls, front_vertex(controls)), "left")
+    assert scene.paused != stands and said == ([] if stands else [c.PAUSED_BALL])
 
 
 def test_escape_and_reset_take_the_ball_away(controls, scene):

@@ -1,0 +1,21 @@
+"""The switch that is always in sight: what becomes of what a hand lets go."""
+
+from imgui_bundle import imgui
+
+from ..input import label_of
+from ..settings import HANDS
+
+TOLD = {
+    "physics": "what you let go swings back",
+    "pose": "what you let go stays where it is, golden; a click on it lets it go",
+}
+
+
+def hand_switch(app) -> None:
+    """A button for each of HANDS."""
+    for hand in HANDS:
+        if hand != HANDS[0]:
+            imgui.same_line()
+        if imgui.radio_button(hand.capitalize(), app.scene.settings.hand == hand):
+            app.scene.handles.choose_hand(hand)
+        imgui.set_item_tooltip(f"{TOLD[hand]} ({label_of('pose')})")
