@@ -16,7 +16,7 @@ from ..core.base import schema
 from ..core.base.paths import whole_file
 from ..core.base.reading import open_file
 from ..core.base.streams import shown
-from .settings import HANDS, PANEL_WIDTHS, SIDES, Settings
+from .settings import HANDS, ORBIT_KEYS, PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
@@ -26,6 +26,8 @@ KEPT = (  # of the Settings
     "background",
     "grab_radius",
     "hand",
+    "grab_anywhere",
+    "orbit_key",
     "show_panel",
     "panel_side",
     "panel_width",
@@ -44,6 +46,8 @@ class Preferences:
     background: tuple[float, float, float] = DEFAULT.background
     grab_radius: float = DEFAULT.grab_radius
     hand: str = DEFAULT.hand
+    grab_anywhere: bool = DEFAULT.grab_anywhere
+    orbit_key: str = DEFAULT.orbit_key
     show_panel: bool = DEFAULT.show_panel
     panel_side: str = DEFAULT.panel_side
     panel_width: float = DEFAULT.panel_width
@@ -85,6 +89,8 @@ GOOD = {  # name: whether a value of the file is one
     "background": schema.vector(3, schema.number(0.0, 1.0)),
     "grab_radius": schema.number(0.0, 0.4),
     "hand": schema.one_of(HANDS),
+    "grab_anywhere": schema.flag,
+    "orbit_key": schema.one_of(ORBIT_KEYS),
     "show_panel": schema.flag,
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 DELETING = "delete", "delete box", "delete lasso"
 OF_BONES = "joints", "bones"
+ORBIT_KEYS = "alt", "ctrl", "shift"
 TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING, *OF_BONES
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
@@ -27,6 +28,8 @@ class Settings:
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     checkerboard: bool = False  # behind the object instead of the background
     grab_radius: float = 0.08  # what a drag takes along, in object sizes
+    grab_anywhere: bool = True  # not only at red points
+    orbit_key: str = "alt"  # one of ORBIT_KEYS: with it a drag on the object orbits
     soft_grab: bool = False  # pull by springs, weaker towards the radius, not exactly
     hand: str = "physics"  # one of HANDS
     tool: str = "grab"  # what a left drag does, one of TOOLS

@@ -11,11 +11,11 @@ import numpy as np
 from deformrf.core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from deformrf.core.deform import Material
 from deformrf.core.render import MODES
-from deformrf.viewer import scene as scenes  # noqa: F401  whose edits are those of the table
 from deformrf.viewer.camera import CLOSEST, FARTHEST
 from deformrf.viewer.history import EDITS
+from deformrf.viewer.scene import MAX_STEPS
 from deformrf.viewer.sessions.session_values import ANY_NAMES, ARGUMENTS, is_good
-from deformrf.viewer.settings import SURFACES
+from deformrf.viewer.settings import HANDS, SURFACES
 from deformrf.viewer.timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
 from deformrf.wings.rig import METHODS, MOST_BONES
 
@@ -141,6 +141,8 @@ class Draw:
             "bones": lambda: self.several(lambda: self.whole(0, MOST_BONES - 1, 3)),
             "rotations": lambda: self.several(self.rotation),
             "substep_count": lambda: self.whole(1, 40),
+            "count": lambda: self.whole(1, MAX_STEPS),
+            "hand": lambda: self.one_of(HANDS),
         }
         return drawn[key]()
 

@@ -30,6 +30,7 @@ class Input:
 
 INPUTS = (
     Input("left drag on a red point", "bend the object; all that is selected goes along"),
+    Input("left drag on the object", "bend it there (Alt: orbit)"),
     Input("left drag elsewhere", "orbit; with another tool, push, paint, select or delete"),
     Input("click on a red point", "select it; elsewhere, nothing"),
     Input("Shift+click on a red point", "select it too, or no longer"),

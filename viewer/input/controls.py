@@ -24,7 +24,7 @@ from ..camera import (
     zoomed,
 )
 from ..scene import MOST_ADDED
-from ..settings import DELETING, OF_BONES
+from ..settings import DELETING, OF_BONES, ORBIT_KEYS
 from . import drags
 from .bone_tool import BoneTool
 from .deleting import BRUSH, Stroke, delete_region, end_stroke, outline_of, widen_brush
@@ -32,7 +32,8 @@ from .under_mouse import nearest_zoom, surface_at
 
 # pyglet's numbers; the modules that name them can't be imported without a display.
 LEFT, MIDDLE, RIGHT = 1, 2, 4
-SHIFT, CTRL = 1, 2
+SHIFT, CTRL, ALT = 1, 2, 4
+ORBITS = dict(zip(ORBIT_KEYS, (ALT, CTRL, SHIFT), strict=True))
 PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
 ZOOM_PER_NOTCH = 0.88
 PAUSED = "paused: it follows when time goes on (Space), by a step (.), or in Pose (N)"
@@ -69,6 +70,7 @@ class Controls:
         self._press = np.zeros(2)  # where the button went down
         self._picked = self._pin = None  # a handle that a drag would grab, a pin that a click frees
         self.pointer = np.zeros(2)  # where the mouse is
+        self.spot = None  # of the surface, where a drag from here would take hold  [3]
         self._stroke: Stroke | None = None  # of the brush that deletes
         self._before = -np.inf, np.zeros(2)  # when and where a button went down before
         self._factor = 1.0  # of the stiffness, of what is being painted
@@ -91,12 +93,13 @@ class Controls:
         elif not self.mode:
             control = self.pick(pixel)
             pin = self.pick(pixel, self.scene.handles.pin_ids) if control is None else None
-            self.scene.handles.hover = pin if control is None else control
+            self.scene.handles.hover = found = pin if control is None else control
+            self.spot = self._place_under(pixel) if found is None else None
 
     def on_mouse_press(self, x, y, button, modifiers):
         if self.mode or button not in (LEFT, MIDDLE, RIGHT):
             return  # a second button does not interrupt what the first one does
-        self._button, tool = button, self.scene.settings.tool
+        self._button, tool, self.spot = button, self.scene.settings.tool, None
         pixel = self._press = self.pointer = self._pixel(x, y)
         if button != LEFT:
             self.mode = "pan"
@@ -123,6 +126,8 @@ class Controls:
             self._pin = pin
             if pin is None and self._is_second(pixel):
                 self._add_point(pixel)
+            elif pin is None and not modifiers & ORBITS[self.scene.settings.orbit_key]:
+                self.spot = self._place_under(pixel)
             return
         self.mode, self._picked = "pick", handle
         if modifiers & (SHIFT | CTRL):
@@ -144,6 +149,10 @@ class Controls:
             if clicking or self._picked is None:
                 return
             self._grab(self._picked)
+        if self.spot is not None:
+            if clicking:
+                return
+            self._grab_place()
         if self._pin is not None:
             if clicking:
                 return
@@ -187,11 +196,12 @@ class Controls:
         elif self.mode == "grab":
             if handles.grabbed is not None:
                 vertex = handles.grabbed.handles[0]
+                position = self._place(vertex)
                 handles.let_go()
                 if vertex in handles.posed:
                     self._say(STAYS)
                 scene.settings.has_dragged = True
-                self._log("release", vertex=vertex, position=self._place(vertex))
+                self._log("release", vertex=vertex, position=position)
         elif self.mode == "bone":
             self.bones.release()
         elif (
@@ -230,7 +240,7 @@ class Controls:
 
     def _end(self):
         self.mode, self._button, self.dragging, self.region = "", 0, None, []
-        self._picked = self._pin = self._stroke = None
+        self._picked = self._pin = self._stroke = self.spot = None
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         handles = self.scene.handles
@@ -333,16 +343,37 @@ class Controls:
         target = self.scene.orbit.target if beside else None
         return surface_at(self.camera, self._depth_image(), pixel, target)
 
+    def _place_under(self, pixel):
+        """The place of the object's surface that a drag from a pixel takes; None if it orbits."""
+        settings = self.scene.settings
+        if settings.tool != "grab" or not settings.grab_anywhere:
+            return None
+        return self._surface_at(pixel, beside=False)
+
+    def _grab_place(self):
+        """Begin the drag of the place on which the button went down."""
+        place, self.spot = self.spot, None
+        handles = self.scene.handles
+        if len(handles.points) >= MOST_ADDED:
+            self._say(f"{MOST_ADDED} red points are the most")
+            return
+        handles.grab_place(place)
+        self._begin_drag(handles.grabbed.handles[0])
+
     def _grab(self, handle):
         """Begin the drag of a handle on which the button went down."""
-        scene, handles = self.scene, self.scene.handles
-        (center,), _ = project(self.camera, self._place(handle)[None])
-        self.dragging = drags.Drag(self._press, self._press - center)
-        self.pointer = self._press
+        handles = self.scene.handles
         if handle not in handles.selected:
             handles.select([])
         handles.grab(handle)
         handles.hover = handle
+        self._begin_drag(handle)
+
+    def _begin_drag(self, handle):
+        scene = self.scene
+        (center,), _ = project(self.camera, self._place(handle)[None])
+        self.dragging = drags.Drag(self._press, self._press - center)
+        self.pointer = self._press
         self.mode = "grab"
         if scene.paused and scene.settings.hand != "pose":
             self._say(PAUSED)

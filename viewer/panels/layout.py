@@ -32,8 +32,8 @@ from .view import RECORDING_RED, model_panel, record_panel, recording_line, time
 BAR_WIDTH = 360.0
 MARGIN = 12.0
 HELP_FONT = 0.85  # of the panel's size
-FIRST_LINE = "Drag a red point.  F1: keys"  # until that has been done once
-HINT_COUNT = 4  # the first gestures of the mouse
+FIRST_LINE = "Drag the object, or a red point.  F1: keys"  # until that has been done once
+HINT_COUNT = 5  # the first gestures of the mouse
 FLOATING = (
     imgui.WindowFlags_.no_decoration.value
     | imgui.WindowFlags_.no_saved_settings.value

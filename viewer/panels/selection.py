@@ -1,4 +1,4 @@
-"""What the mouse's gesture shows over the view: the box or lasso, and the axis of a drag."""
+"""What the mouse shows over the view: a box or lasso, an axis, how much a drag would take."""
 
 from itertools import pairwise
 
@@ -10,6 +10,8 @@ from ..camera import project
 LINE = imgui.get_color_u32  # of a color, in the current style's opacity
 OUTLINE, FILL = (0.95, 0.45, 0.05, 0.95), (0.95, 0.55, 0.1, 0.12)
 AXES = (0.85, 0.15, 0.1, 0.9), (0.15, 0.6, 0.1, 0.9), (0.1, 0.3, 0.9, 0.9)
+REACH, REACH_EDGE = (0.95, 0.10, 0.08, 0.10), (0.95, 0.10, 0.08, 0.35)
+LEAST_REACH = 6.0  # points, of its radius
 AXIS_LENGTH = 2.0  # object sizes, to both sides
 
 
@@ -27,6 +29,20 @@ def gesture_overlay(app) -> None:
             lines.add_line(start, end, LINE(OUTLINE), 1.5)
     elif controls.mode == "grab" and controls.dragging.axis is not None:
         _axis_line(app, lines)
+    elif not controls.mode and controls.spot is not None and not app.gui.mouse_on_panel:
+        _reach(app, lines)
+
+
+def _reach(app, lines):
+    """What a drag from under the mouse would take along, faintly."""
+    controls, camera, place = app.controls, app.controls.camera, app.controls.spot
+    beside = place + app.scene.grab_radius * camera.camera_to_world[:3, 0]
+    pixels, _ = project(camera, np.array([place, beside]))
+    if np.isfinite(pixels).all():
+        center, edge = pixels / controls.ratio
+        radius = max(float(np.linalg.norm(edge - center)), LEAST_REACH)
+        lines.add_circle_filled(tuple(center), radius, LINE(REACH))
+        lines.add_circle(tuple(center), radius, LINE(REACH_EDGE), 0, 1.5)
 
 
 def _axis_line(app, lines):

@@ -114,6 +114,7 @@ class Grab:
     offsets: np.ndarray | None = None  # from the place of an unturned Motion  [K, 3]
     radius: float = 0.0  # around the handles [model units]
     first_radius: float = 0.0  # when it began
+    passing: bool = False  # its handle is a point that is gone when it is let go
     held_before: tuple | None = None  # pins and patches, if it took a posed handle
 
 

@@ -194,6 +194,17 @@ class Handles:
     def _grab(self, vertex, radius, soft):
         self._hold([vertex], radius, soft)
 
+    def grab_place(self, place) -> None:
+        """Take hold of the object at a place of its surface as it is now.  [3]"""
+        (corners,), (weights,) = self._located(place)
+        self._grab_place(corners, weights, self._scene.grab_radius, self._scene.settings.soft_grab)
+
+    @edit("grab_place", undo="drag", begins=True)
+    def _grab_place(self, corners, weights, radius, soft):
+        self._add_point(corners, weights)
+        self._hold([len(self._scene.pins) + len(self.points) - 1], radius, soft)
+        self.grabbed.passing = True
+
     @edit("grab_several", undo="drag", begins=True)
     def _grab_several(self, vertex, others, radius, soft):
         self._hold([vertex, *others], radius, soft)
@@ -290,7 +301,17 @@ class Handles:
     def release(self) -> None:
         if self.grabbed is not None:
             self._scene.grip.release()
+            if self.grabbed.passing:
+                self.points = self.points.without_last()
             self.grabbed = None
+
+    def _keep(self):
+        """Let go, and keep the point by which the object was held; returns the grab, if any."""
+        grab = self.grabbed
+        if grab is not None:
+            grab.passing = False
+        self.release()
+        return grab
 
     def let_go(self) -> None:
         """Let go of what is held; in *Pose* it stays where it is."""
@@ -301,8 +322,7 @@ class Handles:
 
     @edit("pose_grab")
     def _pose_grab(self, radius):
-        grab = self.grabbed
-        self.release()
+        grab = self._keep()
         if grab is not None:
             for handle in grab.handles:
                 self._set_pin(handle, True, radius)
@@ -344,8 +364,7 @@ class Handles:
 
     @edit("pin_grab", undo="pin what was held")
     def _pin_grab(self, radius):
-        grab = self.grabbed
-        self.release()
+        grab = self._keep()
         if grab is not None:
             for handle in grab.handles:
                 self._set_pin(handle, True, radius)
@@ -406,10 +425,15 @@ class Handles:
 
     def add_point(self, place) -> int:
         """Make a control point at a place of the surface as it is now [3]; returns its id."""
+        (corners,), (weights,) = self._located(place)
+        self._add_point(corners, weights)
+        return len(self._scene.pins) + len(self.points) - 1
+
+    def _located(self, place):
+        """Corners and weights of a place in its tet.  [1, 4], [1, 4]"""
         tets = self._scene.field.mesh.tets
         point = located([place], self._scene.solver.vertices.numpy(), tets)
-        self._add_point(point.corners[0], point.weights[0])
-        return len(self._scene.pins) + len(self.points) - 1
+        return point.corners, point.weights
 
     @edit("add_point", undo="new point")
     def _add_point(self, corners, weights):
@@ -423,6 +447,8 @@ class Handles:
     def state(self) -> dict:
         """What edits change, besides pins."""
         kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
+        if self.grabbed is not None and self.grabbed.passing:
+            kept["points"] = self.points.without_last()
         return kept | {"patches": self.patches.copy(), "hand": self._scene.settings.hand}
 
     def restore(self, state: dict) -> None:

@@ -47,6 +47,9 @@ class ControlPoints:
         """The share of each point that belongs to marked vertices [V] bool.  [C]"""
         return (self.weights * marked[self.corners]).sum(axis=1)
 
+    def without_last(self) -> "ControlPoints":
+        return ControlPoints(self.corners[:-1], self.weights[:-1])
+
     def joined(self, more: "ControlPoints") -> "ControlPoints":
         """These, and more behind them."""
         corners = np.concatenate([self.corners, more.corners])

@@ -67,6 +67,37 @@ def test_released_the_object_goes_back(controls, scene, events):
     assert [name for name, _ in events] == ["grab", "release"]
 
 
+@pytest.mark.parametrize("key, orbits", [(0, False), (c.ALT, True), (c.CTRL, False)])
+def test_a_drag_on_the_object_takes_it_there(controls, scene, monkeypatch, key, orbits):
+    place = scene.handles.at([front_vertex(controls)])[0]
+    scene.settings.show_handles = False  # the red points are elsewhere
+    monkeypatch.setattr(controls, "_surface_at", lambda pixel, beside=True: place)
+    pixels, _ = picking.project(controls.camera, place[None])
+    controls.motion(pixels[0])
+    np.testing.assert_array_equal(controls.spot, place)
+    count, view = len(scene.handles.points), scene.orbit
+    controls.press(pixels[0], "left", modifiers=key)
+    controls.drag(pixels[0] + 1.0, 1, -1)
+    assert scene.handles.grabbed is None and controls.mode == "orbit"
+    controls.drag(pixels[0] + [30.0, 0.0], 30, 0)
+    assert (scene.handles.grabbed is None) == orbits == (scene.orbit.yaw != view.yaw)
+    scene.advance(1 / 30)
+    if not orbits:
+        assert pixel_of(controls, scene.handles.grabbed.handles[0]) == pytest.approx(
+            pixels[0] + [30.0, 0.0], abs=0.1
+        )
+    controls.release("left")
+    assert scene.handles.grabbed is None and len(scene.handles.points) == count
+
+
+def test_drags_can_be_left_to_red_points(controls, scene, monkeypatch):
+    monkeypatch.setattr(controls, "_surface_at", lambda pixel, beside=True: scene.center)
+    scene.settings.show_handles = scene.settings.grab_anywhere = False
+    controls.press(np.array([160.0, 120.0]), "left")
+    controls.drag(np.array([200.0, 120.0]), 40, 0)
+    assert scene.handles.grabbed is None and controls.mode == "orbit"
+
+
 def test_in_pose_it_stays_a_click_lets_it_go_and_p_pins_it(controls, scene):
     said = []
     controls._say = said.append

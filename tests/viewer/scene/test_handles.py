@@ -109,6 +109,31 @@ def test_a_drag_is_pinned_with_its_patch_where_it_is(scene, soft):
     np.testing.assert_allclose(scene.positions[patch], before[patch], atol=1e-6)
 
 
+@pytest.mark.parametrize("end", ["release", "cancel", "undo", "pin", "pose"])
+def test_a_place_is_held_by_a_point_that_passes_unless_it_is_pinned_or_posed(scene, end):
+    handles, count = scene.handles, len(scene.handles.points)
+    place = 0.5 * handles.points.at(scene.positions)[:2].sum(axis=0)
+    handles.grab_place(place)
+    (handle,) = handles.grabbed.handles
+    np.testing.assert_allclose(handles.at([handle])[0], place, atol=0.2 * scene.size)
+    start = handles.at([handle])[0]
+    handles.drag_to(start + np.array([0.05, 0.0, 0.0]))
+    scene.advance(TIME_STEP)
+    np.testing.assert_allclose(handles.at([handle])[0] - start, [0.05, 0.0, 0.0], atol=1e-5)
+    if end == "pin":
+        handles.pin_grab()
+    elif end == "pose":
+        scene.settings.hand = "pose"
+        handles.let_go()
+    else:
+        getattr(scene if end == "undo" else handles, end)()
+    stays = end in ("pin", "pose")
+    assert len(handles.points) == count + stays and handles.grabbed is None
+    assert not stays or handles.is_pinned(handle)
+    scene.undo()
+    assert len(handles.points) == count
+
+
 def test_a_patch_is_freed_as_one_and_other_pins_stay(scene):
     first, second = (int(i) for i in scene.handles.control_ids[[0, 1]])
     scene.handles.set_pin(first, True)

@@ -154,6 +154,12 @@ class Hands:
             way = self.random.normal(scale=0.05, size=3)
             handles.drag_to(handles.grabbed.target.place + way)
 
+    def grab_place(self):
+        scene = self.scene
+        if scene.handles.grabbed is None:
+            point = int(self.random.integers(len(scene.handles.points)))
+            scene.handles.grab_place(scene.handles.points.at(scene.positions)[point] + 1e-3)
+
     def click(self):
         handles = self.scene.handles
         if handles.posed and handles.grabbed is None:
@@ -163,6 +169,7 @@ class Hands:
         scene, random = self.scene, self.random
         return (
             *(self.drag,) * 5,
+            *(self.grab_place,) * 2,
             *(scene.handles.let_go,) * 3,
             self.click,
             scene.handles.cancel,
@@ -190,6 +197,7 @@ def test_random_poses_play_again_to_the_bit_and_undo_to_the_beginning(ball, tmp_
         (other.solver.vertices.numpy(), scene.solver.vertices.numpy()),
         (other.solver.pinned, scene.solver.pinned),
         (other.handles.patches, scene.handles.patches),
+        (other.handles.points.corners, scene.handles.points.corners),
     ):
         np.testing.assert_array_equal(one, two, f"seed {seed}")
     assert other.handles.posed == scene.handles.posed, f"seed {seed}"
