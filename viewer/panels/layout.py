@@ -78,7 +78,7 @@ def draw_panels(app) -> None:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_timeline:
         _strip(app)
-    _hand(app, above)
+    _hand(app)
     if app.scene.settings.show_help and not question(app):
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
@@ -163,10 +163,10 @@ def _main_panel(app, top):
     imgui.end()
 
 
-def _hand(app, above):
-    """The switch between Physics and Pose, in the view's lower left corner."""
-    place = covered(app).left + MARGIN, imgui.get_io().display_size.y - above - MARGIN
-    imgui.set_next_window_pos(place, pivot=(0.0, 1.0))
+def _hand(app):
+    """The switch between Physics and Pose, in the view's upper left corner."""
+    cover = covered(app)
+    imgui.set_next_window_pos((cover.left + MARGIN, cover.top + MARGIN))
     imgui.begin("hand", flags=FLOATING)
     app.gui.guarded(hand_switch, app)
     app.gui.claim()
