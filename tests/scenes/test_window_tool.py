@@ -153,6 +153,6 @@ def test_after_a_kill_the_session_is_offered_and_goes_on(start):
 def button_at(image):
     """The middle of the first button in a dialog in the window's middle."""
     row = image[SIZE[1] // 2 + 22].astype(int)
-    gray = np.flatnonzero((abs(row - [217, 219, 230]) < 9).all(axis=1))
+    gray = np.flatnonzero((abs(row - [217, 219, 230]) < 5).all(axis=1))
     assert len(gray), "there is no dialog"
     return int(gray[0]) + 25, SIZE[1] // 2 + 22

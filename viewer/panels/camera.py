@@ -7,7 +7,7 @@ from imgui_bundle import imgui
 
 from ..camera import changed, widened
 from ..input import AXIS_VIEWS, FROM_VIEW, UPS, label_of, line_of, set_up, show_photograph, up_name
-from ..settings import PHOTOGRAPHS
+from ..settings import ORBIT_KEYS, PHOTOGRAPHS
 from .widgets import button, checkbox, combo, number_setting, slider
 
 ANGLES = 5.0, 100.0  # degrees
@@ -15,6 +15,7 @@ A_ROW = 3  # axis views
 WIDER = "the distance changes with it, so that the object stays as large"
 PARALLEL = f"parallel rays: what is far away is as large ({label_of('toggle_parallel')})"
 PHOTOGRAPH = "over the render as long as the camera is where it was taken, or beside it"
+ORBIT = "the key with which a drag on the object turns the view"
 UP = "what the horizon is level to: some captures lie on their side"
 
 
@@ -25,6 +26,10 @@ def camera_panel(app):
         button(name.capitalize(), app, name, label_of(name))
     button("Fly", app, "fly", f"with W A S D, Q and E, and the mouse ({label_of('fly')})")
     _lens(app.scene)
+    settings = app.scene.settings
+    if settings.grab_anywhere:
+        change = partial(setattr, settings, "orbit_key")
+        combo("orbit with", settings.orbit_key, ORBIT_KEYS, change, ORBIT)
     _saved(app)
     if app.photographs is not None:
         _photographs(app)

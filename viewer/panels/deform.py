@@ -9,7 +9,7 @@ from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP,
 from ..input import label_of
 from ..layers import line_spacing
 from ..scene import EARTH
-from ..settings import DELETING, GRAB_RADII, ORBIT_KEYS, TOOLS
+from ..settings import DELETING, GRAB_RADII, TOOLS
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
@@ -33,7 +33,6 @@ DAMPING = "how fast vibrations fade"
 TOOL = f"""what a left drag does: grab a vertex, push with a ball ({label_of("toggle_push")}),
 make stiffer or softer what the mouse passes, within the grab radius, or delete
 ({label_of("delete")}: brush, {label_of("delete_box")}: box, {label_of("delete_lasso")}: lasso)"""
-ORBIT = "the key with which a drag on the object turns the view"
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 HELD_BY = {
     "pins": "its pins",
@@ -170,9 +169,6 @@ def _grab(settings):
     setting("soft grab", settings, "soft_grab", tooltip)
     imgui.same_line()
     setting("grab anywhere", settings, "grab_anywhere", "on the object, not only at red points")
-    if settings.grab_anywhere:
-        change = partial(setattr, settings, "orbit_key")
-        combo("orbit with", settings.orbit_key, ORBIT_KEYS, change, ORBIT)
 
 
 def _substeps(app):

@@ -11,6 +11,14 @@ TOLD = {
 }
 
 
+def switch_width() -> float:
+    """What the switch takes of a line [points]."""
+    style, frame = imgui.get_style(), imgui.get_frame_height()
+    widths = [imgui.calc_text_size(hand.capitalize()).x for hand in HANDS]
+    own = sum(frame + style.item_inner_spacing.x + width for width in widths)
+    return own + style.item_spacing.x * (len(HANDS) - 1)
+
+
 def hand_switch(app) -> None:
     """A button for each of HANDS."""
     for hand in HANDS:

@@ -78,7 +78,8 @@ def draw_panels(app) -> None:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_timeline:
         _strip(app)
-    _hand(app)
+    if not app.scene.settings.show_panel:  # else the menu bar has it
+        _hand(app)
     if app.scene.settings.show_help and not question(app):
         _floating("help", (0.5, 0.5))
         app.gui.guarded(help_overlay, app)
@@ -164,10 +165,8 @@ def _main_panel(app, top):
 
 
 def _hand(app):
-    """The switch between Physics and Pose, in the view's upper left corner."""
-    cover = covered(app)
-    imgui.set_next_window_pos((cover.left + MARGIN, cover.top + MARGIN))
-    imgui.begin("hand", flags=FLOATING)
+    """The switch between Physics and Pose, in the upper left corner."""
+    _floating("hand", (0.0, 0.0), top=MARGIN)
     app.gui.guarded(hand_switch, app)
     app.gui.claim()
     imgui.end()

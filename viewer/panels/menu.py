@@ -6,6 +6,7 @@ from imgui_bundle import imgui
 
 from ..files import readable
 from ..input import ACTIONS, INPUTS
+from .hand import hand_switch, switch_width
 
 FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
 
@@ -35,10 +36,18 @@ def menu_bar(app) -> float:
     if not imgui.begin_main_menu_bar():
         return 0.0
     app.gui.guarded(_items, app, TREE)
+    app.gui.guarded(_switch, app)
     app.gui.claim()
     height = imgui.get_window_height()
     imgui.end_main_menu_bar()
     return height
+
+
+def _switch(app):
+    """Physics | Pose at the bar's right end, if there is space beside the menus."""
+    right = imgui.get_window_width() - switch_width() - imgui.get_style().window_padding.x
+    imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
+    hand_switch(app)
 
 
 def _items(app, menu):

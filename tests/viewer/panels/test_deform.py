@@ -35,7 +35,9 @@ class Panel:
                 set_meters=self.called("meters"),
                 set_air_drag=self.called("air drag"),
             ),
-            settings=SimpleNamespace(grab_radius=0.1, soft_grab=False, tool="grab"),
+            settings=SimpleNamespace(
+                grab_radius=0.1, soft_grab=False, tool="grab", grab_anywhere=True
+            ),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20, contact=True),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
