@@ -1,10 +1,12 @@
 """The program's defaults are what the rule gives for the reports that are published."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from report_tables import DEVICES, MODELS
 
@@ -32,6 +34,20 @@ def test_defaults_are_what_the_rule_gives(device):
     ended = run(*timed, "--errors", *judged)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.count("<- the rule") == 2
+
+
+@pytest.mark.parametrize("share, ended", [(0.97, 1), (1.0, 0)])
+def test_a_setting_has_to_be_cheaper_beyond_chance(tmp_path, share, ended):
+    """Here in each turn, by about so much; what is cheaper by nothing is no default."""
+    found, rng = [], np.random.default_rng(0)
+    for path in sorted(REPORTS.glob("*-cpu/report.json")):
+        report = json.loads(path.read_text())
+        times = report["sections"]["rendering"]["values"]["times"]
+        noise = rng.normal(scale=0.02, size=len(times["default"]))
+        times["stop 0.003"] = (share * (1.0 + noise) * times["default"]).tolist()
+        found.append(tmp_path / f"{path.parent.name}.json")
+        found[-1].write_text(json.dumps(report))
+    assert run(*found).returncode == ended
 
 
 def test_other_defaults_would_be_seen(tmp_path):
