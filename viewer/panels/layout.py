@@ -78,7 +78,7 @@ def draw_panels(app) -> None:
         _main_panel(app, top=menu_bar(app))
     if app.scene.settings.show_timeline:
         _strip(app)
-    if not app.scene.settings.show_panel:  # else the menu bar has it
+    if not (app.scene.settings.show_panel or app.photographs):  # else the menu bar has it
         _hand(app)
     if app.scene.settings.show_help and not question(app):
         _floating("help", (0.5, 0.5))
@@ -166,7 +166,7 @@ def _main_panel(app, top):
 
 def _hand(app):
     """The switch between Physics and Pose, in the upper left corner."""
-    _floating("hand", (0.0, 0.0), top=MARGIN)
+    _floating("hand", (0.0, 0.0))
     app.gui.guarded(hand_switch, app)
     app.gui.claim()
     imgui.end()

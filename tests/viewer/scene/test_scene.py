@@ -10,8 +10,7 @@ import warp as wp
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load, save
 from deformrf.viewer.events import displacements
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.scene.scene import MAX_STEPS
+from deformrf.viewer.scene import MAX_STEPS, Scene
 
 
 @pytest.fixture
