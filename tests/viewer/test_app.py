@@ -340,7 +340,7 @@ def test_while_samples_are_added_frames_are_drawn_only_for_whole_ones(app):
 def test_a_mouse_event_anywhere_makes_the_loop_draw_again(app, at):
     app.scene.settings.show_panel = at == "panel"
     rest(app)
-    x, y = 60, app.window.height - 60
+    x, y = 60, app.window.height - 90
     assert app.gui.covers(x, y) == (at == "panel")
     frame_count = app.frame_count
     app.window.dispatch_event("on_mouse_motion", x, y, 0, 0)

@@ -166,7 +166,7 @@ def _main_panel(app, top):
 
 def _hand(app):
     """The switch between Physics and Pose, in the upper left corner."""
-    _floating("hand", (0.0, 0.0))
+    _floating("hand", (0.0, 0.0), top=MARGIN)
     app.gui.guarded(hand_switch, app)
     app.gui.claim()
     imgui.end()
