@@ -40,6 +40,10 @@ class FrameTimes:
         finally:
             self._now[name] += time.perf_counter() - start
 
+    def spent(self, name: str) -> float:
+        """Seconds of a task so far, in the present frame."""
+        return self._now[name]
+
     def end_frame(self) -> None:
         """Close the present frame; it began when the one before was closed."""
         now = time.perf_counter()

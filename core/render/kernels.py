@@ -3,7 +3,7 @@
 import warp as wp
 
 from ..field import encode_kernel, networks_kernel
-from . import deferred, modes, render, shading, subpixel
+from . import deferred, modes, render, shading, subpixel, temporal
 from .overlap import merging, search
 from .rays import camera, marching, pose, raster
 from .rounds import compositing, cpu
@@ -20,5 +20,5 @@ def kernel_modules(device: wp.DeviceLike) -> list[str]:
         modules += [merging, bins, window_slots, marching, slots, ray_color, deferred, shading]
         modules += [slot_march, slot_shading, slot_densities]
     else:  # overlap/windows.py is compiled with cpu.py; what crowded rays need, if there are any
-        modules += [raster, cpu]
+        modules += [raster, cpu, temporal]
     return sorted({*names, *(module.__name__ for module in modules)})

@@ -1,7 +1,8 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
 While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows.  At rest finer images follow, up to the full resolution, and then shifted
+frame rate allows; on a CPU, the image before gives it those between (upsampled.py).  At rest
+finer images follow, up to the full resolution, and then shifted
 images whose mean is shown.  They are rendered a strip of rows per frame (resolution.py), and
 shown when they are whole: a seam that moves would look like something in the picture.
 The depth is that of the unshifted image: other things in the scene hide behind the object.
@@ -16,13 +17,21 @@ import warp as wp
 
 from ...core.deform import TIME_STEP
 from ...core.field import level_edges
-from ...core.render import Renderer, RenderOptions, RunningMean, render_mode, shifted
+from ...core.render import (
+    Renderer,
+    RenderOptions,
+    RunningMean,
+    PastView,
+    render_mode,
+    shifted,
+)
 from ..camera import pixels_per_unit
 from ..files import with_colors
 from . import gl
 from .ground_plane import GroundPlane
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
 from .upload import ImageTexture, SharedImage, image_target
+from .upsampling import Upsampling
 
 REST_SECONDS = 0.15  # without a change, before refining begins
 OTHER_TASKS = ("simulate", "draw", "panel")  # of a frame, beside rendering
@@ -51,6 +60,8 @@ class RadianceLayer:
         self._coming: Picture | None = None  # a finer one, as far as it is
         self._spare: ImageTexture | SharedImage | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
+        self._upsampling, self._upsampled_at = Upsampling(ctx, times), None  # and the last Rung
+        self._camera = self._kind = None  # of the shown picture: its camera, and what else decides
         self._seen = self._pose = None  # what was rendered last
         self._expect_all()
         self._changed_at = 0.0
@@ -156,6 +167,8 @@ class RadianceLayer:
             # Where the camera rests, only time steps bring new pictures.
             steps_alone = self._seen is not None and seen[:2] == self._seen[:2]
             self._seen, self._changed_at = seen, now
+            before = self._sight(camera)
+            self._upsampling.changed()
             if scene.revision != self._pose:
                 with self._times.task("render"):
                     self._renderer.set_vertices(scene.solver.vertices)
@@ -163,11 +176,14 @@ class RadianceLayer:
             if whole or settings.fixed_resolution is not None:
                 self._render_at(1.0 if whole else settings.fixed_resolution, camera)
             else:
-                self._render_moving(camera, steps_alone)
+                self._render_moving(camera, steps_alone, before)
+            self._camera = camera
         elif whole and self.refined < 1.0:
             self._render_at(1.0, camera)
         elif whole or now - self._changed_at < REST_SECONDS:
-            pass  # it may go on moving
+            missing = self._is_upsampled and not self._upsampling.whole
+            if missing and not whole:  # it may go on moving
+                self._upsample(self._upsampled_at, camera, self._sight(camera))
         elif self.refined < 1.0:
             self._refine(camera)
         elif not self.settled:
@@ -209,9 +225,11 @@ class RadianceLayer:
         if mean is not None:
             image = replace(image, color=mean.color(count))
         wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
-        self._coming = self._picture(1.0, camera, self.shown.texture)
+        texture = self.shown.texture
+        texture = self._spare_of() if self._is_upsampled else texture
+        self._coming = self._picture(1.0, camera, texture)
         self._coming.add(image, 0.0)
-        self._sampling = None
+        self._sampling = self._camera = None
 
     def upload(self) -> None:
         """Show what `render_mean` has rendered, if anything was new."""
@@ -220,7 +238,7 @@ class RadianceLayer:
         self.shown, self._coming = self._coming, None
         self.shown.texture.write(self.shown.images[0])
 
-    def _render_moving(self, camera, steps_alone):
+    def _render_moving(self, camera, steps_alone, before):
         """Render at once, as well as the target frame rate allows.
 
         Above one frame a time step, if `steps_alone`, a picture is shown for several frames, and
@@ -235,14 +253,77 @@ class RadianceLayer:
             means = self._times.means()
             target, seconds = target / frames, frames * sum(means[task] for task in others)
         moving.aim(target, seconds)
-        pixel = 1.0 / (rung.factor * pixels_per_unit(camera, scene.orbit.distance))
-        start = time.perf_counter()
-        self._render_at(rung.factor, camera, rung.savings(self._level_edges, pixel))
-        moving.measured(time.perf_counter() - start)
+        start, others = time.perf_counter(), self._times.spent("draw")
+        if rung.stride and self._may_upsample(camera):
+            self._upsample(rung, camera, before)
+        else:
+            self._render_at(rung.factor, camera, self._savings(rung, rung.factor, camera))
+        others = self._times.spent("draw") - others
+        moving.measured(time.perf_counter() - start - others)
+
+    def _savings(self, rung, factor, camera):
+        """What a picture with that share of the image's lines saves on besides pixels."""
+        pixel = 1.0 / (factor * pixels_per_unit(camera, self._scene.orbit.distance))
+        return rung.savings(self._level_edges, pixel)
+
+    def _sight(self, camera):
+        """What the shown picture was rendered of, if one of this camera's size can follow it."""
+        scene, shown = self._scene, self.shown.texture
+        settings = scene.settings
+        kind = settings.mode, settings.background, self._cuts, self._renderer, camera.parallel
+        same, self._kind = kind == self._kind, kind
+        whole = shown is not None and shown.size == (camera.width, camera.height)
+        if not same or not whole or shown.is_buffer or self._camera is None:
+            return None
+        return PastView(self._camera, wp.clone(self._renderer.pose.vertices))
+
+    def _may_upsample(self, camera):
+        """Whether pixels can be taken from one image to the next."""
+        plain = not camera.lens.is_distorted and min(camera.width, camera.height) >= 8
+        return plain and self._scene.settings.mode == "color" and self.device.is_cpu
+
+    @property
+    def _is_upsampled(self):
+        """Whether the shown picture is one of coarse ones."""
+        texture = self.shown.texture
+        return texture is not None and texture is self._upsampling.image
+
+    def _upsample(self, rung, camera, before):
+        """Render a coarse picture, and show the image that it becomes with the one before.
+
+        Args:
+            before: The PastView of the shown picture, or None if nothing can be taken from it.
+        """
+        background, savings = self._scene.settings.background, self._savings(rung, 1.0, camera)
+        options = RenderOptions(tuple(background), details=True, **savings)
+        old, upsampling, self._upsampled_at = self.shown.texture, self._upsampling, rung
+        plain = None if before is None or self._is_upsampled else old
+        if not self._is_upsampled:
+            self._keep(old)
+        image = upsampling.render(self._renderer, camera, rung.stride, options, before, plain)
+        self.shown = Picture(image.color.shape[0], rung.factor, upsampling.image, savings)
+        self.shown.add(image, 0.0)
+        self._coming = self._sampling = None
+        self.render_count += 1
+
+    def _spare_of(self):
+        """The texture that is kept, no longer."""
+        texture, self._spare = self._spare, None
+        return texture
+
+    def _keep(self, texture):
+        """Keep a texture for a finer picture, if it is one that can be."""
+        if texture is None or texture is self._spare:
+            return
+        if self._spare is not None:
+            self._spare.release()
+        self._spare = texture
 
     def _render_at(self, factor, camera, cheaper=None):
         """Render a whole picture."""
-        picture = self._picture(factor, camera, self.shown.texture, cheaper)
+        texture = self.shown.texture
+        texture = self._spare_of() if self._is_upsampled else texture
+        picture = self._picture(factor, camera, texture, cheaper)
         self._add_rows(picture, camera, (0, picture.height))
         self.shown, self._coming, self._sampling = picture, None, None
         self.render_count += 1
@@ -250,11 +331,12 @@ class RadianceLayer:
     def _refine(self, camera):
         """Render the next strip of a finer picture; a whole one takes the shown one's place."""
         if self._coming is None:
-            self._coming = self._picture(finer(self.factor), camera, self._spare)
+            factor = 1.0 if self._is_upsampled else finer(self.factor)
+            self._coming = self._picture(factor, camera, self._spare)
             self._spare = self._coming.texture
         self._add_rows(self._coming, camera)
         if self._coming.done:
-            self._spare = self.shown.texture
+            self._spare = None if self._is_upsampled else self.shown.texture
             self.shown, self._coming = self._coming, None
 
     def _sample(self, camera):
@@ -323,7 +405,8 @@ class RadianceLayer:
             **self._ground.uniforms(unit=2),
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
-        box = self._object_part(camera) if smooth and self._is_plain else None
+        partly = smooth or self._is_upsampled
+        box = self._object_part(camera) if partly and self._is_plain else None
         if box is not None:
             background = np.round(255.0 * np.array(self._scene.settings.background)) / 255.0
             self._ctx.clear(*background, 1.0, depth=1.0)
@@ -352,7 +435,7 @@ class RadianceLayer:
     def _triangle_for(self, smooth):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
         wanted = ("SMOOTH", smooth), ("GROUND", self._ground.shown)
-        wanted += (("BUFFER", self.shown.texture.is_buffer),)
+        wanted += ("BUFFER", self.shown.texture.is_buffer), ("UPSAMPLED", self._is_upsampled)
         defines = tuple(name for name, is_wanted in wanted if is_wanted)
         if defines not in self._triangles:
             self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
@@ -375,6 +458,8 @@ class RadianceLayer:
         for triangle in self._triangles.values():
             triangle.program.release()
             triangle.release()
-        for texture in (self.shown.texture, self._spare):
+        shown = None if self._is_upsampled else self.shown.texture
+        self._upsampling.release()
+        for texture in (shown, self._spare):
             if texture is not None:
                 texture.release()

@@ -1,10 +1,12 @@
 """How many pixels are rendered: as many as there is time for while things move, all at rest.
 
 While things move, the factors are powers of √½ of the window's size, so that one step halves or
-doubles the pixels, and with them about the time.  Below about a third of the width a picture is
-a mosaic; before that, a slow renderer makes its rays take longer steps and leaves out levels
-finer than a pixel.  After a change the time has to leave a band around the target before the
-next one, or the picture would flicker between two.
+doubles the pixels, and with them about the time.  On a CPU, rays go through every n-th pixel
+across and down, and what is between them is taken from the picture before (upsampled.py).  With
+two and two an image has 36 dB, with three and two 34, with four and four 28, so before there are
+fewer rays they take longer steps and leave out levels finer than a pixel, which costs less of the
+quality.  After a change the time has to leave a band around the target before the next one, or
+the picture would flicker between two.
 
 At rest finer pictures are rendered in strips of rows, so that the window answers meanwhile, up
 to the full resolution; and then images shifted by fractions of a pixel, of which the mean is shown.
@@ -18,13 +20,14 @@ import numpy as np
 from ...core.field import below_pixel
 from ...core.render import RunningMean, shifted
 from .upload import ImageTexture, SharedImage
+from .upsampled import UpsampledImage
 
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, LATE = 1.25, 1.05  # of the target: what leads to less at once, and if it goes on
 FITS = 0.9  # of the target: what more may be expected to take
 IN_A_ROW = 3  # frames that are late, or have time to spare
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
-RECOGNIZABLE = 0.35  # the factor below which pixels are the last thing to save on
+STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (6, 4), (8, 8))  # of rays, on a CPU
 STRIP_SECONDS = 0.045  # rendering a strip
 SMALLEST_STRIP = 4  # rows
 SAMPLE_COUNT = 16  # images whose mean is shown in the end
@@ -38,6 +41,7 @@ class Rung:
     step_factor: float = 1.0  # RenderOptions.step_factor
     spared_levels: int = 0  # so many levels may be left out, if they are finer than a pixel
     cost: float = 1.0  # about the time, relative to the whole image in full quality
+    stride: tuple[int, int] | None = None  # of rays, if the pixels between them can be upsampled
 
     def savings(self, edges, pixel: float) -> dict:
         """What it saves on besides pixels, as arguments of RenderOptions.
@@ -54,16 +58,17 @@ class Rung:
 CHEAPER = ((1.4, 0, 0.86), (2.0, 0, 0.73), (2.0, 1, 0.70))
 
 
-def _rung(factor, step_factor=1.0, spared_levels=0, share=1.0):
-    return Rung(factor, step_factor, spared_levels, share * factor * factor)
+def _strided(stride, step_factor=1.0, spared_levels=0, share=1.0):
+    rays = 1.0 / (stride[0] * stride[1])
+    return Rung(rays**0.5, step_factor, spared_levels, share * rays, stride)
 
 
-LADDER = tuple(map(_rung, FACTORS))
-_LARGE = [factor for factor in FACTORS if factor >= RECOGNIZABLE]
+LADDER = tuple(Rung(factor, cost=factor * factor) for factor in FACTORS)
 CPU_LADDER = (
-    *map(_rung, _LARGE),
-    *(_rung(_LARGE[-1], *saving) for saving in CHEAPER),
-    *(_rung(factor, *CHEAPER[-1]) for factor in FACTORS[len(_LARGE) :]),
+    Rung(1.0),
+    _strided(STRIDES[0]),
+    *(_strided(STRIDES[0], *saving) for saving in CHEAPER),
+    *(_strided(stride, *CHEAPER[-1]) for stride in STRIDES[1:]),
 )
 
 
@@ -120,7 +125,7 @@ class Picture:
 
     height: int
     factor: float = 1.0  # its size relative to the window's
-    texture: ImageTexture | SharedImage | None = None  # that its rows are put into
+    texture: ImageTexture | SharedImage | UpsampledImage | None = None  # that its rows are put into
     cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
     images: list = field(default_factory=list)  # the renderer's, from top to bottom
     next_row: int = 0

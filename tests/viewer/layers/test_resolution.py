@@ -11,7 +11,7 @@ from deformrf.viewer.layers.resolution import (
     FACTORS,
     LADDER,
     LATE,
-    RECOGNIZABLE,
+    STRIDES,
     STRIP_SECONDS,
     TOO_SLOW,
     MovingResolution,
@@ -56,15 +56,17 @@ def test_each_rung_is_cheaper_than_the_one_before():
     for ladder in (LADDER, CPU_LADDER):
         assert all(a.cost > b.cost for a, b in pairwise(ladder))
         assert all(a.factor >= b.factor for a, b in pairwise(ladder))
-    assert {rung.factor for rung in CPU_LADDER} == set(FACTORS)
+    assert [rung.stride for rung in CPU_LADDER if rung.stride][-1] == STRIDES[-1]
 
 
-def test_on_a_cpu_quality_is_given_up_before_a_picture_turns_into_a_mosaic():
-    for rung in CPU_LADDER:
+def test_on_a_cpu_quality_is_given_up_before_there_are_fewer_rays():
+    for rung in CPU_LADDER[1:]:
         plain = rung.step_factor == 1.0 and rung.spared_levels == 0
-        assert rung.factor >= RECOGNIZABLE or rung.step_factor == 2.0
-        assert plain or rung.factor < FACTORS[2]
+        assert rung.stride == STRIDES[0] or rung.step_factor == 2.0
+        assert not plain or rung.stride == STRIDES[0]
+        assert rung.factor == pytest.approx((rung.stride[0] * rung.stride[1]) ** -0.5)
     assert all(rung.step_factor == 1.0 and rung.spared_levels == 0 for rung in LADDER)
+    assert all(rung.stride is None for rung in LADDER)
 
 
 def test_one_slow_frame_costs_no_more_than_a_moment():
@@ -73,7 +75,7 @@ def test_one_slow_frame_costs_no_more_than_a_moment():
         moving.measured(0.4 if k == 10 else 1.0 * moving.rung.cost)
         if k == 11:
             assert moving.rung.factor < 0.3
-    assert moving.rung.factor == pytest.approx(0.354, abs=1e-3)
+    assert moving.rung.stride == (3, 3)
 
 
 def test_one_very_slow_frame_is_enough_to_go_down():
