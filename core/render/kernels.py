@@ -10,7 +10,7 @@ from .rounds import compositing, cpu
 
 
 def kernel_modules(device: wp.DeviceLike) -> list[str]:
-    """Names of those that `Renderer`, `render_mode` and `RunningMean` launch on a device."""
+    """Names of those that rendering launches on a device; `places_before` has one of a CPU."""
     modules, names = [render, pose, search, modes, subpixel, camera, compositing], []
     if str(device).startswith("cuda"):
         from .overlap import bins, window_slots

@@ -41,7 +41,7 @@ from .stage_timer import StageTimer
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
 CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
-LEAST_TILE_WORK = 1.0e5  # a tile costs a millisecond besides its work
+TILE_COST = 1.4e5  # of Python for a tile, which runs in one thread at a time; as work
 CPU_TILE_RAYS = 1 << 16  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
 QUALITY = 95  # of pictures in formats with losses
@@ -388,7 +388,8 @@ def _tile_starts(row_work, rows, row_limit):
     """
     first, last = rows
     done = np.concatenate([[0.0], row_work[first:last].cumsum()])
-    count = min(CPU_TILES_PER_THREAD * thread_count(), done[-1] // LEAST_TILE_WORK)
+    # n tiles take about n TILE_COST + work/n, if there are threads enough.
+    count = min(CPU_TILES_PER_THREAD * thread_count(), (done[-1] / TILE_COST) ** 0.5 // 1)
     count = max(count, np.ceil(done[-1] / CPU_TILE_WORK), np.ceil((last - first) / row_limit), 1.0)
     starts = np.searchsorted(done, done[-1] * np.arange(1, count) / count)
     return sorted({first, last, *(first + starts).tolist()})

@@ -10,11 +10,14 @@ from deformrf.core import deform
 from deformrf.core.base import shipped_kernels
 from deformrf.core.render import (
     MODES,
+    PastView,
     Renderer,
+    RenderOptions,
     RunningMean,
     from_field_of_view,
     kernel_modules,
     look_at,
+    places_before,
     render_mode,
 )
 from deformrf.core.render import deferred as deferred_module
@@ -45,6 +48,9 @@ def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, mon
     mean = RunningMean(16, 12, device)
     mean.add(image)
     mean.color(1)
+    if renderer.device.is_cpu:
+        image = renderer.render(camera, RenderOptions(details=True))
+        places_before(image, camera, renderer, PastView(camera, renderer.pose.vertices))
     expected = set(kernel_modules(device))
     if not deferred:  # as models of this version are
         alone = ray_color, deferred_module, slot_densities, slot_shading
