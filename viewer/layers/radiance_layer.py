@@ -18,10 +18,10 @@ import warp as wp
 from ...core.deform import TIME_STEP
 from ...core.field import level_edges
 from ...core.render import (
+    PastView,
     Renderer,
     RenderOptions,
     RunningMean,
-    PastView,
     render_mode,
     shifted,
 )

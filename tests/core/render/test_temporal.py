@@ -9,9 +9,9 @@ import warp as wp
 
 from deformrf.core.render import (
     Image,
+    PastView,
     Renderer,
     RenderOptions,
-    PastView,
     camera_rays,
     from_field_of_view,
     look_at,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from deformrf.core.render import Renderer, RenderOptions, PastView, phases, places_before, strided
+from deformrf.core.render import PastView, Renderer, RenderOptions, phases, places_before, strided
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.layers.upload import ImageTexture
 from deformrf.viewer.layers.upsampled import CoarsePicture, UpsampledImage, object_box
