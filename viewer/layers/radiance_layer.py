@@ -1,10 +1,10 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
 While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows; on a CPU, the image before gives it those between (upsampled.py).  At rest
-finer images follow, up to the full resolution, and then shifted
-images whose mean is shown.  They are rendered a strip of rows per frame (resolution.py), and
-shown when they are whole: a seam that moves would look like something in the picture.
+frame rate allows; on a CPU, those between are taken from the image before (upsampled.py).  At rest
+finer images follow, up to the full resolution, and then shifted images whose mean is shown.  They
+are rendered a strip of rows per frame (resolution.py), and shown when they are whole: a seam that
+moves would look like something in the picture.
 The depth is that of the unshifted image: other things in the scene hide behind the object.
 """
 
@@ -167,7 +167,7 @@ class RadianceLayer:
             # Where the camera rests, only time steps bring new pictures.
             steps_alone = self._seen is not None and seen[:2] == self._seen[:2]
             self._seen, self._changed_at = seen, now
-            before = self._sight(camera)
+            before = self._past_view(camera)
             self._upsampling.changed()
             if scene.revision != self._pose:
                 with self._times.task("render"):
@@ -183,7 +183,7 @@ class RadianceLayer:
         elif whole or now - self._changed_at < REST_SECONDS:
             missing = self._is_upsampled and not self._upsampling.whole
             if missing and not whole:  # it may go on moving
-                self._upsample(self._upsampled_at, camera, self._sight(camera))
+                self._upsample(self._upsampled_at, camera, self._past_view(camera))
         elif self.refined < 1.0:
             self._refine(camera)
         elif not self.settled:
@@ -266,7 +266,7 @@ class RadianceLayer:
         pixel = 1.0 / (factor * pixels_per_unit(camera, self._scene.orbit.distance))
         return rung.savings(self._level_edges, pixel)
 
-    def _sight(self, camera):
+    def _past_view(self, camera):
         """What the shown picture was rendered of, if one of this camera's size can follow it."""
         scene, shown = self._scene, self.shown.texture
         settings = scene.settings
@@ -274,6 +274,8 @@ class RadianceLayer:
         same, self._kind = kind == self._kind, kind
         whole = shown is not None and shown.size == (camera.width, camera.height)
         if not same or not whole or shown.is_buffer or self._camera is None:
+            return None
+        if self._camera.lens.is_distorted:
             return None
         return PastView(self._camera, wp.clone(self._renderer.pose.vertices))
 

@@ -7,7 +7,6 @@ wrong doesn't stay.  Where nothing has moved, pixels stay what they were.  Both 
 object's part alone; the rest is background.
 """
 
-import math
 from dataclasses import dataclass
 
 import moderngl
@@ -157,18 +156,25 @@ class _Target(ImageTexture):
     def __init__(self, ctx, size):
         super().__init__(ctx, size)
         self.framebuffer = ctx.framebuffer([self.color, self.depth])
-        self._each = [ctx.framebuffer([self.color]), ctx.framebuffer([self.depth])]
+        self._empty = None  # a background, and the bytes of an image of it
 
     def clear(self, background):
-        """Let it be background alone."""
-        color, depth = self._each
-        whole = 0, 0, *self.size  # or OpenGL keeps to the last scissor
-        color.clear(*np.round(255.0 * np.array(background)) / 255.0, 0.0, viewport=whole)
-        depth.clear(math.inf, viewport=whole)
+        """Let it be background alone.
+
+        Bytes are written: OpenGL's clearing depends on masks and scissors of other framebuffers.
+        """
+        if self._empty is None or self._empty[0] != tuple(background):
+            width, height = self.size
+            color = np.zeros((height, width, 4), np.uint8)
+            color[..., :3] = np.round(255.0 * np.array(background))
+            depth = np.full((height, width), np.inf, np.float32)
+            self._empty = tuple(background), color, depth
+        _, color, depth = self._empty
+        self.color.write(color)
+        self.depth.write(depth)
 
     def release(self):
-        for framebuffer in (self.framebuffer, *self._each):
-            framebuffer.release()
+        self.framebuffer.release()
         super().release()
 
 
