@@ -7,8 +7,6 @@
 // SMOOTH is defined where the field has fewer pixels than the window and its colors may be
 // blended; without it, each of its pixels is a block.  GROUND is defined where one is seen.
 //
-// UPSAMPLED is defined where the image is one of upsample.frag.glsl.
-//
 // BUFFER is defined where the image lies in a buffer: all colors, then all depths.
 #ifdef BUFFER
 uniform samplerBuffer field_color, field_depth;
@@ -108,9 +106,6 @@ void main() {
     ivec2 block = ivec2(uv * vec2(size_of_field()));
     float t = depth_at(block);
     vec4 field = colors_at(block);
-#ifdef UPSAMPLED
-    if (field.a < 0.5) t = INF;  // soft edges have the depth of what they belong to
-#endif
 #ifdef SMOOTH
     field = filtered(t);
 #endif

@@ -1,5 +1,6 @@
 """A model in the window, in the place of the one that was shown before."""
 
+import gc
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -19,6 +20,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
     """
     path = choose_path(app.ctx, device, interop)
+    gc.unfreeze()
     app.progress = Progress(device)
     arguments = field, name, device, app.progress
     if app.gui is None:
@@ -31,11 +33,15 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
                 time.sleep(0.05)
             scene, renderer = preparing.result()
     app.usual_fps = scene.settings.target_fps
-    if app.scene is None:
+    is_first = app.scene is None
+    if is_first:
         preferences.apply(app.preferences, scene.settings)
     else:
         scene.settings = app.scene.settings
     app.show(scene, renderer, path)
+    if not is_first:
+        gc.collect()  # the one before
+    gc.freeze()  # or Python would look through all of it in the middle of a drag, for 0.1 s
     app.loaded_on, app.live = (device, interop), None
     if app.gui is not None:
         for sentence in [] if app.autosave is None else app.autosave.leave():

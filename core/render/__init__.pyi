@@ -16,12 +16,8 @@ from .preview import preview as preview
 from .render_options import default_stop as default_stop
 from .preview import seen_from_outside as seen_from_outside, vertex_normals as vertex_normals
 from .subpixel import RunningMean as RunningMean, shifted as shifted, spread as spread
-from .temporal import (
-    PastView as PastView,
-    phases as phases,
-    places_before as places_before,
-    strided as strided,
-)
+from .temporal import PastView as PastView
+from .upsampling import Upsampling as Upsampling
 from .kernels import kernel_modules as kernel_modules
 
 # For training next door: kernels, their functions and structs.

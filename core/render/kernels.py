@@ -3,14 +3,14 @@
 import warp as wp
 
 from ..field import encode_kernel, networks_kernel
-from . import deferred, modes, render, shading, subpixel, temporal
+from . import deferred, modes, render, shading, subpixel, temporal, upsampling
 from .overlap import merging, search
 from .rays import camera, marching, pose, raster
 from .rounds import compositing, cpu
 
 
 def kernel_modules(device: wp.DeviceLike) -> list[str]:
-    """Names of those that rendering launches on a device; `places_before` has one of a CPU."""
+    """Names of those that rendering launches on a device; those of upsampling run on a CPU."""
     modules, names = [render, pose, search, modes, subpixel, camera, compositing], []
     if str(device).startswith("cuda"):
         from .overlap import bins, window_slots
@@ -20,5 +20,5 @@ def kernel_modules(device: wp.DeviceLike) -> list[str]:
         modules += [merging, bins, window_slots, marching, slots, ray_color, deferred, shading]
         modules += [slot_march, slot_shading, slot_densities]
     else:  # overlap/windows.py is compiled with cpu.py; what crowded rays need, if there are any
-        modules += [raster, cpu, temporal]
+        modules += [raster, cpu, temporal, upsampling]
     return sorted({*names, *(module.__name__ for module in modules)})

@@ -4,9 +4,9 @@
         [--sizes 400x400 1280x800] [--targets 10 15] [--orbits 0 10] [--seconds 10]
 
 A control vertex goes in a circle in real time, and the camera turns by so many degrees a second;
-resolution and savings follow the target, as in the window.  pixels is the shorter side of the
-image that was rendered, and the share of frames with all levels and whole steps follows; ms are
-means of the stages in the last second.  dB compares SHOTS frames of the way with the same poses
+resolution and savings follow the target, as in the window.  rays is their share of the window's
+pixels (median), and the share of frames with all levels and whole steps follows; ms are means of
+the stages in the last second.  dB compares SHOTS frames of the way with the same poses
 rendered in conformance mode, over the object's pixels: mean, and the worst one.  The solver steps
 60 times a second: frames between two steps have nothing to render, and count.  slowest is the mean
 of the 1 % slowest frames, in ms.
@@ -39,7 +39,7 @@ def measure(app, target, orbit, seconds):
     ids = scene.handles.control_ids
     scene.handles.grab(int(ids[scene.handles.at(ids)[:, 2].argmax()]))
     start = scene.handles.grabbed.target.place.copy()
-    frames, sides, whole, shots = [], [], [], []
+    frames, rays, whole, shots = [], [], [], []
     first_view = scene.orbit
     begin = last = time.perf_counter()
     while last - begin < WARM_UP_SECONDS + seconds:
@@ -51,7 +51,7 @@ def measure(app, target, orbit, seconds):
         app.frame(now - last)
         if last - begin > WARM_UP_SECONDS:
             frames.append(now - last)
-            sides.append(min(layer.depth_image().shape))
+            rays.append(layer.factor**2)
             whole.append(not layer.shown.cheaper)
             if last - begin > WARM_UP_SECONDS + seconds * len(shots) / SHOTS:
                 vertices = np.array(scene.solver.vertices.numpy())
@@ -67,7 +67,7 @@ def measure(app, target, orbit, seconds):
         "target": target,
         "fps": 1.0 / np.mean(frames),
         "slowest": 1e3 * np.mean(np.sort(frames)[-max(len(frames) // 100, 1) :]),
-        "pixels": int(np.median(sides)),
+        "rays": float(np.median(rays)),
         "whole": np.mean(whole),
         **stages,
         "dB": np.mean(errors),
@@ -114,7 +114,7 @@ def main():
             row = {"window": size, "orbit": orbit}
             row |= measure(app, target, orbit, arguments.seconds)
             print("".join(f"{key:>10}" for key in row))
-            cells = (v if isinstance(v, str) else f"{v:.2f}" for v in row.values())
+            cells = (v if isinstance(v, str) else f"{v:.3f}" for v in row.values())
             print("".join(f"{cell:>10}" for cell in cells), flush=True)
         app.close()
 

@@ -1,7 +1,7 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
 While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows; on a CPU, those between are taken from the image before (upsampled.py).  At rest
+frame rate allows; on a CPU, those between are taken from the image before (Upsampling).  At rest
 finer images follow, up to the full resolution, and then shifted images whose mean is shown.  They
 are rendered a strip of rows per frame (resolution.py), and shown when they are whole: a seam that
 moves would look like something in the picture.
@@ -18,10 +18,12 @@ import warp as wp
 from ...core.deform import TIME_STEP
 from ...core.field import level_edges
 from ...core.render import (
+    Image,
     PastView,
     Renderer,
     RenderOptions,
     RunningMean,
+    Upsampling,
     render_mode,
     shifted,
 )
@@ -31,7 +33,6 @@ from . import gl
 from .ground_plane import GroundPlane
 from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
 from .upload import ImageTexture, SharedImage, image_target
-from .upsampling import Upsampling
 
 REST_SECONDS = 0.15  # without a change, before refining begins
 OTHER_TASKS = ("simulate", "draw", "panel")  # of a frame, beside rendering
@@ -60,7 +61,7 @@ class RadianceLayer:
         self._coming: Picture | None = None  # a finer one, as far as it is
         self._spare: ImageTexture | SharedImage | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
-        self._upsampling, self._upsampled_at = Upsampling(ctx, times), None  # and the last Rung
+        self._upsampling, self._upsampled_at = Upsampling(), None  # and the last Rung
         self._camera = self._kind = None  # of the shown picture: its camera, and what else decides
         self._seen = self._pose = None  # what was rendered last
         self._expect_all()
@@ -181,7 +182,7 @@ class RadianceLayer:
         elif whole and self.refined < 1.0:
             self._render_at(1.0, camera)
         elif whole or now - self._changed_at < REST_SECONDS:
-            missing = self._is_upsampled and not self._upsampling.whole
+            missing = self.shown.part is not None and not self._upsampling.whole
             if missing and not whole:  # it may go on moving
                 self._upsample(self._upsampled_at, camera, self._past_view(camera))
         elif self.refined < 1.0:
@@ -225,9 +226,7 @@ class RadianceLayer:
         if mean is not None:
             image = replace(image, color=mean.color(count))
         wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
-        texture = self.shown.texture
-        texture = self._spare_of() if self._is_upsampled else texture
-        self._coming = self._picture(1.0, camera, texture)
+        self._coming = self._picture(1.0, camera, self.shown.texture)
         self._coming.add(image, 0.0)
         self._sampling = self._camera = None
 
@@ -273,9 +272,7 @@ class RadianceLayer:
         kind = settings.mode, settings.background, self._cuts, self._renderer, camera.parallel
         same, self._kind = kind == self._kind, kind
         whole = shown is not None and shown.size == (camera.width, camera.height)
-        if not same or not whole or shown.is_buffer or self._camera is None:
-            return None
-        if self._camera.lens.is_distorted:
+        if not same or not whole or self._camera is None or not self._may_upsample(self._camera):
             return None
         return PastView(self._camera, wp.clone(self._renderer.pose.vertices))
 
@@ -284,48 +281,40 @@ class RadianceLayer:
         plain = not camera.lens.is_distorted and min(camera.width, camera.height) >= 8
         return plain and self._scene.settings.mode == "color" and self.device.is_cpu
 
-    @property
-    def _is_upsampled(self):
-        """Whether the shown picture is one of coarse ones."""
-        texture = self.shown.texture
-        return texture is not None and texture is self._upsampling.image
-
-    def _upsample(self, rung, camera, before):
+    def _upsample(self, rung, camera, view):
         """Render a coarse picture, and show the image that it becomes with the one before.
 
         Args:
-            before: The PastView of the shown picture, or None if nothing can be taken from it.
+            view: The PastView of the shown picture, or None if nothing can be taken from it.
         """
         background, savings = self._scene.settings.background, self._savings(rung, 1.0, camera)
         options = RenderOptions(tuple(background), details=True, **savings)
-        old, upsampling, self._upsampled_at = self.shown.texture, self._upsampling, rung
-        plain = None if before is None or self._is_upsampled else old
-        if not self._is_upsampled:
-            self._keep(old)
-        image = upsampling.render(self._renderer, camera, rung.stride, options, before, plain)
-        self.shown = Picture(image.color.shape[0], rung.factor, upsampling.image, savings)
-        self.shown.add(image, 0.0)
-        self._coming = self._sampling = None
+        before = None if view is None else self._shown_image()
+        upsampling, self._upsampled_at = self._upsampling, rung
+        with self._times.task("render"):
+            coarse = upsampling.render(self._renderer, camera, rung.stride, options, view)
+        with self._times.task("draw"):
+            given = coarse, self._renderer, camera, options.background, view, before
+            image, part = upsampling.upsampled(*given)
+        picture = self._picture(1.0, camera, self.shown.texture, savings)
+        with self._times.task("upload"):
+            picture.texture.write(image)
+        picture.add(image, 0.0)
+        picture.factor, picture.part = rung.factor, part
+        self.shown, self._coming, self._sampling = picture, None, None
         self.render_count += 1
 
-    def _spare_of(self):
-        """The texture that is kept, no longer."""
-        texture, self._spare = self._spare, None
-        return texture
-
-    def _keep(self, texture):
-        """Keep a texture for a finer picture, if it is one that can be."""
-        if texture is None or texture is self._spare:
-            return
-        if self._spare is not None:
-            self._spare.release()
-        self._spare = texture
+    def _shown_image(self):
+        """The shown picture as one Image."""
+        sampled = self._sampling and self._sampling.color is not None
+        if len(self.shown.images) == 1 and not sampled:
+            return self.shown.images[0]
+        color = wp.array(self.color_image(), dtype=wp.vec4ub, device="cpu")
+        return Image(color, wp.array(self.shown.depth, dtype=float, device="cpu"), 0)
 
     def _render_at(self, factor, camera, cheaper=None):
         """Render a whole picture."""
-        texture = self.shown.texture
-        texture = self._spare_of() if self._is_upsampled else texture
-        picture = self._picture(factor, camera, texture, cheaper)
+        picture = self._picture(factor, camera, self.shown.texture, cheaper)
         self._add_rows(picture, camera, (0, picture.height))
         self.shown, self._coming, self._sampling = picture, None, None
         self.render_count += 1
@@ -333,12 +322,12 @@ class RadianceLayer:
     def _refine(self, camera):
         """Render the next strip of a finer picture; a whole one takes the shown one's place."""
         if self._coming is None:
-            factor = 1.0 if self._is_upsampled else finer(self.factor)
+            factor = finer(self.factor) if self.shown.part is None else 1.0
             self._coming = self._picture(factor, camera, self._spare)
             self._spare = self._coming.texture
         self._add_rows(self._coming, camera)
         if self._coming.done:
-            self._spare = None if self._is_upsampled else self.shown.texture
+            self._spare = self.shown.texture
             self.shown, self._coming = self._coming, None
 
     def _sample(self, camera):
@@ -407,7 +396,7 @@ class RadianceLayer:
             **self._ground.uniforms(unit=2),
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
-        partly = smooth or self._is_upsampled
+        partly = smooth or self.shown.part is not None
         box = self._object_part(camera) if partly and self._is_plain else None
         if box is not None:
             background = np.round(255.0 * np.array(self._scene.settings.background)) / 255.0
@@ -424,6 +413,10 @@ class RadianceLayer:
 
     def _object_part(self, camera):
         """Where the shown picture is more than background: x, y, width, height, y up [pixels]."""
+        if self.shown.part is not None:
+            rows, columns = self.shown.part
+            width, height = columns.stop - columns.start, rows.stop - rows.start
+            return columns.start, camera.height - rows.stop, max(width, 1), max(height, 1)
         opaque = self.color_image()[..., 3] > 0
         rows, columns = (np.flatnonzero(opaque.any(axis=axis)) for axis in (1, 0))
         if not len(rows):
@@ -437,7 +430,7 @@ class RadianceLayer:
     def _triangle_for(self, smooth):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
         wanted = ("SMOOTH", smooth), ("GROUND", self._ground.shown)
-        wanted += ("BUFFER", self.shown.texture.is_buffer), ("UPSAMPLED", self._is_upsampled)
+        wanted += (("BUFFER", self.shown.texture.is_buffer),)
         defines = tuple(name for name, is_wanted in wanted if is_wanted)
         if defines not in self._triangles:
             self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
@@ -460,8 +453,6 @@ class RadianceLayer:
         for triangle in self._triangles.values():
             triangle.program.release()
             triangle.release()
-        shown = None if self._is_upsampled else self.shown.texture
-        self._upsampling.release()
-        for texture in (shown, self._spare):
+        for texture in (self.shown.texture, self._spare):
             if texture is not None:
                 texture.release()

@@ -2,7 +2,7 @@
 
 While things move, the factors are powers of √½ of the window's size, so that one step halves or
 doubles the pixels, and with them about the time.  On a CPU, rays go through every n-th pixel
-across and down, and what is between them is taken from the picture before (upsampled.py).  With
+across and down, and what is between them is taken from the picture before (Upsampling).  With
 two and two an image has 36 dB, with three and two 34, with four and four 28, so before there are
 fewer rays they take longer steps and leave out levels finer than a pixel, which costs less of the
 quality.  After a change the time has to leave a band around the target before the next one, or
@@ -20,12 +20,12 @@ import numpy as np
 from ...core.field import below_pixel
 from ...core.render import RunningMean, shifted
 from .upload import ImageTexture, SharedImage
-from .upsampled import UpsampledImage
 
 FACTORS = tuple(0.5 ** (0.5 * step) for step in range(7))  # 1 .. 0.125
 TOO_SLOW, LATE = 1.25, 1.05  # of the target: what leads to less at once, and if it goes on
 FITS = 0.9  # of the target: what more may be expected to take
 IN_A_ROW = 3  # frames that are late, or have time to spare
+RENEWAL = 0.25  # of a mean, by one frame
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (6, 4), (6, 6), (8, 8))  # of rays, on a CPU
 STRIP_SECONDS = 0.045  # rendering a strip
@@ -81,6 +81,8 @@ class MovingResolution:
     step: int = 3
     _late: int = 0
     _early: int = 0
+    _slow: bool = False  # the last frame was
+    _seen: dict = field(default_factory=dict)  # mean seconds of the last frames, by step
 
     @property
     def rung(self) -> Rung:
@@ -93,21 +95,39 @@ class MovingResolution:
     def measured(self, seconds: float) -> None:
         """Take account of one frame that was rendered as the present rung says.
 
-        Too slow a frame leads down at once, by as many rungs as are needed; three late ones in
-        a row lead down by one, and three with time to spare lead up by one.
+        The second one in a row that is too slow leads down, by as many rungs as are needed; three
+        late ones in a row lead down by one, and three with time to spare lead up by one.
         """
-        while seconds > TOO_SLOW * self.target_seconds and self.step < len(self.ladder) - 1:
-            seconds *= self.ladder[self.step + 1].cost / self.rung.cost
-            self._go(1)
+        before = self._seen.get(self.step, seconds)
+        self._seen[self.step] = before + RENEWAL * (seconds - before)
+        slow = seconds > TOO_SLOW * self.target_seconds
+        if slow and self._slow:
+            while seconds > TOO_SLOW * self.target_seconds and self.step < len(self.ladder) - 1:
+                seconds *= self.ladder[self.step + 1].cost / self.rung.cost
+                self._go(1)
+        self._slow = slow
         is_late = seconds > LATE * self.target_seconds and self.step < len(self.ladder) - 1
         self._late = self._late + 1 if is_late else 0
-        expected = seconds * self.ladder[max(self.step - 1, 0)].cost / self.rung.cost
-        is_early = expected < FITS * self.target_seconds and self.step > 0
+        is_early = self.step > 0 and self._expected(seconds) < FITS * self.target_seconds
         self._early = self._early + 1 if is_early else 0
         if self._late == IN_A_ROW:
             self._go(1)
         elif self._early == IN_A_ROW:
             self._go(-1)
+
+    def _expected(self, seconds):
+        """Seconds of a frame of the rung above: in proportion to its cost, or less.
+
+        A part of a frame's time is the same for all rungs; the times of the rungs beside tell.
+        """
+        cost, more = self.rung.cost, self.ladder[self.step - 1].cost - self.rung.cost
+        most = seconds * (1.0 + more / cost)
+        below = self._seen.get(self.step + 1)
+        if below is None:
+            return most
+        slope = (seconds - below) / (cost - self.ladder[self.step + 1].cost)
+        least = max(seconds + more * slope, self._seen.get(self.step - 1, 0.0))
+        return min(max(least, seconds), most)
 
     def _go(self, rungs: int) -> None:
         self.step += rungs
@@ -125,11 +145,12 @@ class Picture:
 
     height: int
     factor: float = 1.0  # its size relative to the window's
-    texture: ImageTexture | SharedImage | UpsampledImage | None = None  # that its rows are put into
+    texture: ImageTexture | SharedImage | None = None  # that its rows are put into
     cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
     images: list = field(default_factory=list)  # the renderer's, from top to bottom
     next_row: int = 0
     seconds_per_row: float | None = None
+    part: tuple[slice, slice] | None = None  # if upsampled: rows and columns with the object
 
     @property
     def done(self) -> bool:

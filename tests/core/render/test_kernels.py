@@ -10,14 +10,13 @@ from deformrf.core import deform
 from deformrf.core.base import shipped_kernels
 from deformrf.core.render import (
     MODES,
-    PastView,
     Renderer,
     RenderOptions,
     RunningMean,
+    Upsampling,
     from_field_of_view,
     kernel_modules,
     look_at,
-    places_before,
     render_mode,
 )
 from deformrf.core.render import deferred as deferred_module
@@ -49,8 +48,9 @@ def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, mon
     mean.add(image)
     mean.color(1)
     if renderer.device.is_cpu:
-        image = renderer.render(camera, RenderOptions(details=True))
-        places_before(image, camera, renderer, PastView(camera, renderer.pose.vertices))
+        upsampling = Upsampling()
+        image = upsampling.render(renderer, camera, (2, 2), RenderOptions(details=True), None)
+        upsampling.upsampled(image, renderer, camera, (1.0, 1.0, 1.0), None, None)
     expected = set(kernel_modules(device))
     if not deferred:  # as models of this version are
         alone = ray_color, deferred_module, slot_densities, slot_shading

@@ -15,11 +15,8 @@ from deformrf.core.render import (
     camera_rays,
     from_field_of_view,
     look_at,
-    phases,
-    places_before,
-    strided,
 )
-from deformrf.core.render.temporal import NOWHERE
+from deformrf.core.render.temporal import NOWHERE, phases, places_before, strided
 
 STRIDES = [(1, 1), (2, 2), (3, 2), (3, 3), (4, 4), (6, 4)]
 

@@ -121,7 +121,7 @@ def test_what_moves_on_a_cpu_is_upsampled_and_sharper(stage):
         scene.revision += 1
         shown = stage.frame()
         stage.layer._moving.step = 1
-    assert stage.layer.factor == 0.5 and stage.layer.depth_image().shape == (60, 80)
+    assert stage.layer.factor == 0.5 and stage.layer.depth_image().shape == (120, 160)
     full = stage.reference().color_array()[..., :3]
     scene.settings.fixed_resolution = 0.5
     coarse = stage.frame()
@@ -172,7 +172,7 @@ def test_at_rest_picking_uses_the_depth_of_the_full_image(stage):
         depth = stage.layer.depth_image()
         if depth.shape != shapes[-1]:
             shapes.append(depth.shape)
-    assert shapes == [(15, 20), (120, 160)]  # whole images, never parts
+    assert shapes == [(120, 160)]  # whole images, never parts
     assert np.array_equal(depth, stage.reference().depth_array())
 
 

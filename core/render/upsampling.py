@@ -1,0 +1,288 @@
+"""Temporal upsampling, second half: a coarse picture and the image before become the image.
+
+A coarse picture has some of the image's pixels (temporal.py).  At the places where its surfaces
+were, it is compared with the image before; then each cell between four coarse pixels is filled.
+A pixel's color is that of before, corrected by the mean of its neighbors' differences: light that
+changes is followed, and what is wrong doesn't stay.  Of the four neighbors those in front form a
+layer, the others another.  A layer's motion says where to look; if at least half of what is there
+is as far away as that layer was, the pixel is taken from there, else the layer behind is tried, and
+in the end the coarse picture alone.  Where nothing has moved, pixels stay what they were.
+
+Only the part of the image with the object is worked on; the rest is background.
+
+Shapes: [h, w] of a coarse picture, [H, W] of the image.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+from ..base.native import native_source
+from ..base.threads import shares_of, side_by_side
+from .rays.camera import Camera
+from .render import Image
+from .temporal import PastView, phases, places_before, strided
+
+ROOM = 2  # coarse pixels around the object: its soft edges, and neighbors that are read
+STEEPEST = 6.0  # a surface's rise in depth, in pixels per pixel, that is no edge
+ALIKE = 0.5  # pixels; layers whose motions differ by less move alike
+LEAST_ROWS = 16  # of coarse pixels, of a thread
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 2})
+
+
+def _native(section):
+    return native_source(
+        Path(__file__).with_suffix(".cpp"), [], {"STEEPEST": STEEPEST, "ALIKE": ALIKE}, section
+    )
+
+
+@wp.struct
+class SeenImage:
+    """An image for kernels."""
+
+    color: wp.array2d(dtype=wp.vec4ub)  # alpha = opacity
+    depth: wp.array2d(dtype=float)  # distance along the ray, inf where the opacity is below ½
+    texel: float  # a pixel's width at distance 1, or of parallel rays anywhere
+    parallel: int
+    background: wp.vec3  # color where nothing is, 0..255
+
+
+@wp.struct
+class CoarseRays:
+    """Which pixels of the image a coarse picture has; x and y."""
+
+    stride: wp.vec2i
+    phase: wp.vec2i
+    size: wp.vec2i  # w, h
+
+
+@wp.func_native(_native("differences"))
+def compare_row(
+    coarse: wp.array2d(dtype=wp.vec4ub),
+    places: wp.array2d(dtype=wp.vec4),
+    corner: wp.vec2i,
+    before: SeenImage,
+    row_of_part: int,
+    differences: wp.array2d(dtype=wp.vec4),
+): ...
+
+
+@wp.kernel
+def differences_kernel(
+    coarse: wp.array2d(dtype=wp.vec4ub),
+    places: wp.array2d(dtype=wp.vec4),  # of a part of the coarse picture
+    corner: wp.vec2i,  # column and row of the part's first pixel
+    before: SeenImage,
+    first_row: int,  # of the part
+    differences: wp.array2d(dtype=wp.vec4),  # out, like places
+):
+    """How much coarse pixels differ from what the image before has of them; 0 if nothing."""
+    compare_row(coarse, places, corner, before, first_row + wp.tid(), differences)
+
+
+@wp.func_native(_native("cells"))
+def fill_cells(
+    coarse: wp.array2d(dtype=wp.vec4ub),
+    places: wp.array2d(dtype=wp.vec4),
+    differences: wp.array2d(dtype=wp.vec4),
+    rays: CoarseRays,
+    corner: wp.vec2i,
+    cell_row: int,
+    first_cell: int,
+    end_cell: int,
+    moved: int,
+    before: SeenImage,
+    image: SeenImage,
+): ...
+
+
+@wp.kernel
+def upsample_kernel(
+    coarse: wp.array2d(dtype=wp.vec4ub),
+    places: wp.array2d(dtype=wp.vec4),  # of a part of the coarse picture
+    differences: wp.array2d(dtype=wp.vec4),
+    rays: CoarseRays,
+    corner: wp.vec2i,  # column and row of the part's first pixel
+    first_row: int,  # of coarse pixels; -1: what is above all of them
+    columns: wp.vec2i,  # the first one, and the last one + 1
+    moved: int,  # whether anything has, since the image before
+    before: SeenImage,
+    image: SeenImage,  # out
+):
+    """The image's pixels from each coarse pixel on, up to the next ones; a thread has a row."""
+    row = first_row + wp.tid()
+    left = columns[0]
+    end = columns[1]
+    fill_cells(coarse, places, differences, rays, corner, row, left, end, moved, before, image)
+
+
+@dataclass(frozen=True)
+class CoarsePicture:
+    """A picture with a ray for every n-th pixel of an image."""
+
+    color: wp.array  # [h, w] vec4ub
+    box: tuple[int, int, int, int]  # `object_box` of the colors
+    places: wp.array  # of the box, by `places_before`.  vec4
+    stride: tuple[int, int]  # n, across and down
+    phase: tuple[int, int]  # the image's pixel of the first ray: column, row
+    moved: bool = True  # whether anything has moved since the image before
+
+
+def object_box(colors) -> tuple[int, int, int, int] | None:
+    """The part of a picture that is more than background, with ROOM around it.
+
+    First and last + 1 rows, then columns; None if all is background.
+
+    Args:
+        colors: [h, w, 4] uint8
+    """
+    opaque = colors[..., 3] > 0
+    box = []
+    for axis in (1, 0):
+        found = np.flatnonzero(opaque.any(axis=axis))
+        if not len(found):
+            return None
+        count = opaque.shape[1 - axis]
+        box += [max(int(found[0]) - ROOM, 0), min(int(found[-1]) + 1 + ROOM, count)]
+    return tuple(box)
+
+
+def add_coarse(picture, camera: Camera, background, before: Image, image: Image):
+    """Fill the part of an image that a coarse picture's object is in.
+
+    Args:
+        camera: Of the whole image.
+        before: The image before, of the same size.
+        image: Background alone.
+
+    Returns:
+        That part, two slices: rows and columns.
+    """
+    first, last, left, right = picture.box
+    old, new = (_for_kernels(one, camera, background) for one in (before, image))
+    (height, width), rays = picture.color.shape, CoarseRays()
+    rays.stride, rays.phase = wp.vec2i(*picture.stride), wp.vec2i(*picture.phase)
+    rays.size = wp.vec2i(width, height)
+    differences, corner = wp.empty_like(picture.places), wp.vec2i(left, first)
+    rows, columns = _cells(first, last, height), _cells(left, right, width)
+
+    def compare(start, end):
+        inputs = [picture.color, picture.places, corner, old, start]
+        wp.launch(differences_kernel, end - start, inputs, [differences], device="cpu")
+
+    def fill(start, end):
+        inputs = [picture.color, picture.places, differences, rays, corner]
+        inputs += [rows[0] + start, wp.vec2i(*columns), int(picture.moved), old]
+        wp.launch(upsample_kernel, end - start, inputs, [new], device="cpu")
+
+    for task, count in (compare, last - first), (fill, rows[1] - rows[0]):
+        spans = shares_of(count, LEAST_ROWS)
+        side_by_side([lambda span=span, task=task: task(*span) for span in spans])
+    part = []
+    for axis, (low, high) in enumerate((rows, columns)):
+        n, start, size = picture.stride[1 - axis], picture.phase[1 - axis], image.depth.shape[axis]
+        part.append(slice(max(start + n * low, 0), min(max(start + n * high, 0), size)))
+    return tuple(part)
+
+
+def _cells(first, last, count):
+    """Which coarse pixels of a row or column have others of the box on both sides.
+
+    First and last + 1; at the ends of the picture there need not be any beyond.
+    """
+    return first - (first == 0), last - (last < count)
+
+
+def _for_kernels(image, camera, background):
+    value = SeenImage()
+    value.color, value.depth = image.color, image.depth
+    value.texel, value.parallel = 1.0 / camera.focal, int(camera.parallel)
+    value.background = wp.vec3(*np.round(255.0 * np.array(background)))
+    return value
+
+
+class Upsampling:
+    """Renders coarse pictures, each through other pixels, and the images that they become."""
+
+    def __init__(self):
+        self._stride = 1, 1  # of the last picture's rays
+        self._count = 0  # of pictures since one had nothing before it
+        self._since_change = 0  # of those, since camera or vertices changed
+        self._spare: _Target | None = None  # memory of the image before the last one
+        self._last: _Target | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether each pixel has had a ray of its own since the last change."""
+        return self._since_change >= len(phases(self._stride))
+
+    def changed(self) -> None:
+        """Camera or vertices have changed."""
+        self._since_change = 0
+
+    def render(self, renderer, camera: Camera, stride, options, view: PastView | None) -> Image:
+        """The next coarse picture of a camera.
+
+        Args:
+            stride: Pixels between rays, across and down.
+            options: RenderOptions with details.
+            view: Of the image before, or None if nothing is taken from it.
+        """
+        self._count = 0 if view is None else self._count
+        self._stride, self._phase = stride, phases(stride)[self._count % len(phases(stride))]
+        return renderer.render(strided(camera, stride, self._phase), options)
+
+    def upsampled(self, coarse: Image, renderer, camera, background, view, before):
+        """The image that the coarse picture of `render` becomes; the next but one overwrites it.
+
+        Args:
+            background: Color where nothing is, 0..1.
+            view, before: The PastView of the image before and that Image, or None.
+
+        Returns:
+            An Image, and its part with the object: two slices, rows and columns.
+        """
+        target = self._target((camera.height, camera.width), background)
+        target.filled = slice(0, 0), slice(0, 0)
+        box = object_box(coarse.color_array())
+        if box is not None:
+            view = view or PastView(camera, renderer.pose.vertices)
+            if before is None:
+                before = _Target(target.image.depth.shape, background).image
+            rays = strided(camera, self._stride, self._phase)
+            places = places_before(coarse, rays, renderer, view, box)
+            moved = self._since_change == 0
+            given = coarse.color, box, places, self._stride, self._phase, moved
+            picture = CoarsePicture(*given)
+            target.filled = add_coarse(picture, camera, background, before, target.image)
+        self._spare, self._last = self._last, target
+        self._count, self._since_change = self._count + 1, self._since_change + 1
+        return target.image, target.filled
+
+    def _target(self, shape, background):
+        """Memory for the next image, of background alone."""
+        target, self._spare = self._spare, None
+        if target is None or target.image.depth.shape != shape or target.background != background:
+            return _Target(shape, background)
+        target.clear()
+        return target
+
+
+class _Target:
+    """An image of background, and the part of it that has been filled."""
+
+    def __init__(self, shape, background):
+        self.background = background
+        self._pixel = np.array([*np.round(255.0 * np.array(background)), 0], np.uint8)
+        color = wp.empty(shape, dtype=wp.vec4ub, device="cpu")
+        self.image = Image(color, wp.empty(shape, dtype=float, device="cpu"), 0)
+        self.filled = slice(None), slice(None)
+        self.clear()
+
+    def clear(self):
+        words = self.image.color.numpy().view(np.uint32)[..., 0]  # NumPy fills these faster
+        words[self.filled] = self._pixel.view(np.uint32)
+        self.image.depth.numpy()[self.filled] = np.inf
