@@ -17,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from threading import local
 
 import numpy as np
 import warp as wp
@@ -26,9 +27,10 @@ from ..base.device import start_warp, thread_count
 from ..base.paths import whole_file
 from ..field import TetField, check_finite
 from ..geometry import morton_order
+from .cpu_tiles import TileMemory
 from .overlap.merging import PieceMerger
 from .overlap.search import Overlap
-from .rays.approach import ball_around, begin_at_ball, is_far, move_aside, moved_aside
+from .rays.approach import ball_around, begin_at_ball, is_far, moved_aside
 from .rays.camera import Camera, camera_rays, camera_rays_kernel, device_camera
 from .rays.marching import empty_rays
 from .rays.pose import Pose
@@ -41,8 +43,8 @@ from .stage_timer import StageTimer
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
 CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
-TILE_COST = 1.4e5  # of Python for a tile, which runs in one thread at a time; as work
-CPU_TILE_RAYS = 1 << 16  # bound what a tile takes of memory
+TILE_COST = 2.0e4  # of Python for a tile, which runs in one thread at a time; as work
+CPU_TILE_RAYS = 1 << 15  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
 QUALITY = 95  # of pictures in formats with losses
 PICTURE_ENDINGS = ".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp"
@@ -156,6 +158,7 @@ class Renderer:
         self.host_rounds = HostRounds(self.pose, self.shading)
         self._wavefront = self._windows = None
         self._pool = None if self.device.is_cuda else ThreadPoolExecutor(thread_count())
+        self._memories = local()  # of the pool's threads
 
     def _fill_geometry(self):
         """Say where there can be density, and how long pieces are."""
@@ -230,7 +233,9 @@ class Renderer:
         self._find_overlap(options)
         rays = empty_rays(len(origins), self.device)
         ball = ball_around(self.pose.vertices.numpy())
-        skipped = begin_at_ball(rays, origins, directions, ball)
+        *begun, skipped = begin_at_ball(origins, directions, ball)
+        rays.origins.assign(begun[0])
+        rays.directions.assign(begun[1])
         pixels, _ = self._trace(rays, options)
         transmittance = pixels.transmittance.numpy()
         self.stage.collect()
@@ -254,24 +259,23 @@ class Renderer:
 
     def _trace(self, rays, options):
         """The Pixels of rays, and the number of samples; `_find_overlap` comes before."""
-        count, entry_counts = len(rays.origins), rays.entries.count  # None if rays have to search
+        count = len(rays.origins)
         pixels = empty_pixels(count, self.device, self.field.options.deferred)
-        ids = np.arange(count) if entry_counts is None else np.flatnonzero(entry_counts.numpy())
-        plain = wp.array(ids, dtype=int, device=self.device)
-        tangled = wp.empty(0, dtype=int, device=self.device)
+        ids = wp.array(np.arange(count), dtype=int, device=self.device)
+        return pixels, self._trace_some(rays, ids, pixels, options)
+
+    def _trace_some(self, rays, ids, pixels, options):
+        """Add the rays `ids` to the pixels; returns the number of samples."""
+        plain, tangled = ids, wp.empty(0, dtype=int, device=self.device)
         if options.path == "merge":
             plain, tangled = tangled, plain
         elif self.overlap.exists():
-            plain, tangled = self.overlap.sort_rays(rays, count)
-            if entry_counts is not None:
-                kept = plain.numpy()
-                plain = wp.array(kept[entry_counts.numpy()[kept] != 0], dtype=int, device="cpu")
+            plain, tangled = self.overlap.sort_rays(rays, ids)
         sample_count = 0
         if len(tangled):
             with self.stage("merge"):
                 sample_count = self.merger.render(rays, tangled, pixels, options)
-        sample_count += self.host_rounds.render(rays, plain, pixels, options, self.stage)
-        return pixels, sample_count
+        return sample_count + self.host_rounds.render(rays, plain, pixels, options, self.stage)
 
     def _render_tiles(self, camera, options, rows) -> Image:
         first_pixel, count = rows[0] * camera.width, (rows[1] - rows[0]) * camera.width
@@ -279,52 +283,71 @@ class Renderer:
         if options.details:
             types |= {"tet": int, "samples": int}
         arrays = {k: wp.empty(count, dtype=t, device=self.device) for k, t in types.items()}
-
         self._find_overlap(options)
-        # On CUDA, many rays search at once.
-        faces = None if self.device.is_cuda else FaceRectangles(camera, self.pose)
-        ball = None if self.device.is_cuda else ball_around(self.pose.vertices.numpy())
-        ball = ball if is_far(camera.position, ball) else None
-
-        def render_tile(span):
-            pixels = slice(*(end - first_pixel for end in span))
-            tile = {name: array[pixels] for name, array in arrays.items()}
-            return self._render_tile(camera, options, span[0], tile, faces, ball)
-
         if self.device.is_cuda:
             starts = [*range(first_pixel, first_pixel + count, CUDA_TILE_RAYS), first_pixel + count]
-            sample_count = sum(map(render_tile, pairwise(starts)))
+            sample_count = 0
+            for start, end in pairwise(starts):
+                pixels = slice(start - first_pixel, end - first_pixel)
+                tile = {name: array[pixels] for name, array in arrays.items()}
+                sample_count += self._render_tile(camera, options, start, tile)
         else:
-            limit = max(CPU_TILE_RAYS // camera.width, 1)
-            starts = [camera.width * row for row in _tile_starts(faces.row_work(), rows, limit)]
-            sample_count = sum(self._pool.map(render_tile, pairwise(starts)))
+            sample_count = self._render_cpu_tiles(camera, options, rows, arrays)
         shape = (rows[1] - rows[0], camera.width)
         images = {name: array.reshape(shape) for name, array in arrays.items()}
         return Image(**images, sample_count=sample_count)
 
-    def _render_tile(self, camera, options, first_pixel, tile, faces, ball) -> int:
+    def _render_tile(self, camera, options, first_pixel, tile) -> int:
         count = len(tile["color"])
         rays = empty_rays(count, self.device)
-        if ball is None:
-            inputs = [device_camera(camera), first_pixel]
-            outputs = [rays.origins, rays.directions]
-            wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
-            if self.device.is_cpu:
-                move_aside(rays)
-        else:  # of a far camera
-            skipped = begin_at_ball(rays, *camera_rays(camera, first_pixel, count), ball)
-        if faces and faces.known:
-            with self.stage("march"):
-                faces.entries(rays, first_pixel)
+        inputs = [device_camera(camera), first_pixel]
+        outputs = [rays.origins, rays.directions]
+        wp.launch(camera_rays_kernel, count, inputs, outputs, device=self.device)
         pixels, sample_count = self._trace(rays, options)
-        if ball is not None:
-            pixels.depth.numpy()[:] += (1.0 - pixels.transmittance.numpy()) * skipped
         resolve(pixels, options.background, tile["color"], tile["depth"])
         if options.details:
             inputs = [self._tet_ids, pixels.tet]
             wp.launch(old_ids_kernel, count, inputs, [tile["tet"]], device=self.device)
             wp.copy(tile["samples"], pixels.sample_count)
         return sample_count
+
+    def _render_cpu_tiles(self, camera, options, rows, image: dict) -> int:
+        """Fill the arrays of `rows`; returns the number of samples."""
+        faces, seen = FaceRectangles(camera, self.pose), device_camera(camera)
+        ball = ball_around(self.pose.vertices.numpy())
+        ball = ball if is_far(camera.position, ball) else None
+        overlaps = self.overlap.exists() or options.path == "merge"
+        at_once = not overlaps and self.stage.seconds is None
+        starts = _tile_starts(faces.row_work(), rows, max(CPU_TILE_RAYS // camera.width, 1))
+        starts = [camera.width * row for row in starts]
+        capacity = max(end - start for start, end in pairwise(starts))
+
+        def render_tile(span):
+            first, count, rays, skipped = span[0], span[1] - span[0], None, None
+            memory = self._tile_memory(capacity)
+            if ball is not None:
+                *rays, skipped = begin_at_ball(*camera_rays(camera, first, count), ball)
+            with self.stage("march"):
+                geometry = self.pose.geometry
+                left = memory.begin(seen, first, count, geometry, faces.rectangles, rays)
+            if at_once:
+                sample_count = self.host_rounds.trace(memory, left, options)
+            else:
+                # A tangled ray may start within tets and graze the boundary unnoticed.
+                ids = wp.array(np.arange(count), dtype=int, device="cpu")
+                sample_count = self._trace_some(memory.rays, ids, memory.pixels, options)
+            start = first - rows[0] * camera.width
+            memory.finish(count, options.background, self._tet_ids, start, image, skipped)
+            return sample_count
+
+        return sum(self._pool.map(render_tile, pairwise(starts)))
+
+    def _tile_memory(self, capacity) -> TileMemory:
+        """This thread's memory, for tiles of at most `capacity` rays."""
+        memory = getattr(self._memories, "own", None)
+        if memory is None or memory.capacity < capacity:
+            memory = self._memories.own = TileMemory(capacity, self.field.options.deferred)
+        return memory
 
     def _render_wavefront(self, camera, options, rows) -> Image:
         shape = (rows[1] - rows[0], camera.width)

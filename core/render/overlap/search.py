@@ -154,16 +154,16 @@ class Overlap:
                 self.tangled.boxes = self._tangled_boxes.id
             self._prepared = pose.revision
 
-    def sort_rays(self, rays: Rays, count: int):
-        """The numbers of the plain and of the tangled rays among the first `count`.
+    def sort_rays(self, rays: Rays, ids: wp.array):
+        """The plain and the tangled ones of the rays `ids`.
 
         `prepare` comes before.
         """
-        device = self._pose.device
+        device, count = self._pose.device, len(ids)
         counts = wp.zeros(2, dtype=int, device=device)
         plain = wp.empty(count, dtype=int, device=device)
         tangled = wp.empty(count, dtype=int, device=device)
-        inputs = [self._pose.geometry, rays.origins, rays.directions, self.tangled]
+        inputs = [self._pose.geometry, rays.origins, rays.directions, ids, self.tangled]
         outputs, where = [counts, plain, tangled], {"device": device, "block_dim": BLOCK_SIZE}
         wp.launch(sort_rays_kernel, count, inputs, outputs, **where)
         plain_count, tangled_count = counts.numpy()
@@ -349,13 +349,14 @@ def sort_rays_kernel(
     geometry: Geometry,
     origins: wp.array(dtype=wp.vec3),  # [R]
     directions: wp.array(dtype=wp.vec3),  # [R]
+    ids: wp.array(dtype=int),  # [threads] ray of each thread
     tangled_tets: TangledTets,
     counts: wp.array(dtype=int),  # [2] out: plain and tangled rays
-    plain: wp.array(dtype=int),  # [R] out: which rays
-    tangled: wp.array(dtype=int),  # [R] out
+    plain: wp.array(dtype=int),  # [threads] out: which rays
+    tangled: wp.array(dtype=int),  # [threads] out
 ):
     """Sort rays into plain and tangled ones."""
-    ray = wp.tid()
+    ray = ids[wp.tid()]
     if is_tangled(geometry, tangled_tets, origins[ray], directions[ray]):
         tangled[wp.atomic_add(counts, wp.static(TANGLED), 1)] = ray
     else:

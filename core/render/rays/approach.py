@@ -16,7 +16,6 @@ import numpy as np
 
 from ...definition.image import ASIDE
 from .camera import Camera
-from .marching import Rays
 
 PARALLEL = 1e-7  # a component of a unit direction
 FAR = 8.0  # radii of the ball around the mesh, from its center
@@ -41,13 +40,6 @@ def is_parallel(directions):
     return (np.abs(directions) < PARALLEL).any(axis=-1)
 
 
-def move_aside(rays: Rays) -> None:
-    """Move the rays that may be in faces; on the CPU."""
-    small = np.abs(rays.directions.numpy()) < PARALLEL
-    if small.any():  # ten times as fast as by rays, and the rule is that none is
-        rays.origins.numpy()[small.any(axis=-1)] += ASIDE.astype(np.float32)
-
-
 def moved_aside(camera: Camera) -> Camera:
     """A camera whose parallel rays are moved, if they may be in faces."""
     if not camera.parallel or not is_parallel(camera.forward):
@@ -57,11 +49,15 @@ def moved_aside(camera: Camera) -> Camera:
     return replace(camera, camera_to_world=pose)
 
 
-def begin_at_ball(rays: Rays, origins, directions, ball):
-    """Give rays origins [R, 3] and unit directions: beside faces, and not far from the ball.
+def begin_at_ball(origins, directions, ball):
+    """Begin rays beside faces, and not far from the ball.
+
+    Args:
+        origins, directions: [R, 3]; the directions have the length 1.
 
     Returns:
-        The t of the beginnings on the given rays, float32 [R].
+        Origins and directions [R, 3] float32, and the t of the beginnings on the given rays,
+        float32 [R].
     """
     origins, directions = np.asarray(origins, float), np.asarray(directions, float)
     origins = origins + np.where(is_parallel(directions)[:, None], ASIDE, 0.0)
@@ -72,6 +68,4 @@ def begin_at_ball(rays: Rays, origins, directions, ball):
         far = np.linalg.norm(origins - center, axis=1) > FAR * radius
         skipped = np.where(far, np.maximum(along - (1.0 + GAP) * radius, 0.0), 0.0)
         origins = origins + skipped[:, None] * directions
-    rays.origins.assign(np.ascontiguousarray(origins, np.float32))
-    rays.directions.assign(np.ascontiguousarray(directions, np.float32))
-    return skipped.astype(np.float32)
+    return tuple(np.ascontiguousarray(a, np.float32) for a in (origins, directions, skipped))

@@ -4,7 +4,7 @@
 #if !defined(__CUDA_ARCH__)
 #include "lanes.h"
 const auto& entries = rays.entries;
-const int ray_count = rays.tet.shape[0], last_ray = ray_count - 1;
+const int last_ray = ray_count - 1, rays_in_memory = rays.tet.shape[0];
 const Lanes zero = 0.0f;
 
 // Numbers of rays side by side: three of the origin, three of the direction.
@@ -62,13 +62,13 @@ auto cross_face = [&](int face, const auto& corners, int ray, int count) {
         const int count = entries.count.data[r]++;
         if (count >= @MOST_ENTRIES) return;
         int place = count;
-        for (; place > 0 && entries.t.data[(place - 1) * ray_count + r] > t[lane]; --place) {
-            const int to = place * ray_count + r, before = to - ray_count;
+        for (; place > 0 && entries.t.data[(place - 1) * rays_in_memory + r] > t[lane]; --place) {
+            const int to = place * rays_in_memory + r, before = to - rays_in_memory;
             entries.t.data[to] = entries.t.data[before];
             entries.tet.data[to] = entries.tet.data[before];
         }
-        entries.t.data[place * ray_count + r] = t[lane];
-        entries.tet.data[place * ray_count + r] = geometry.boundary_tets.data[face];
+        entries.t.data[place * rays_in_memory + r] = t[lane];
+        entries.tet.data[place * rays_in_memory + r] = geometry.boundary_tets.data[face];
     });
 };
 

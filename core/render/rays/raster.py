@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ...base.native import LANES_H, MOST_LANES, native_source
+from ...base.native import LANES_H, native_source
 from .camera import Camera
-from .entries import MOST_ENTRIES, UNKNOWN, Entries, empty_entries
+from .entries import MOST_ENTRIES
 from .marching import Rays
 from .pose import Geometry, Pose
-from .traversal import MAX_TETS, orientation
+from .traversal import MAX_TETS
 
 FACE_WORK = 16.0  # a pixel in a face's rectangle, in pixels where there is none
 # A ray whose volume with an edge is below this, times its distance squared, has to search: a walk
@@ -32,36 +32,22 @@ class FaceRectangles:
     """The boundary faces of a pose as a camera sees them, on the CPU."""
 
     def __init__(self, camera: Camera, pose: Pose):
-        self._pose, self._width, self._height = pose, camera.width, camera.height
+        self._width, self._height = camera.width, camera.height
         vertices = pose.vertices.numpy().astype(float)
         rectangles = bounding_rectangles(camera, vertices, pose.boundary_faces)
         self.known = rectangles is not None  # otherwise rays have to search
-        if self.known:
-            self._rectangles = wp.array(rectangles, dtype=wp.vec4i, device="cpu")
+        rectangles = rectangles if self.known else np.empty((0, 4), np.int32)
+        self.rectangles = wp.array(rectangles, dtype=wp.vec4i, device="cpu")
 
     def row_work(self):
         """About how much there is to do in each row: pixels, and those in rectangles.  [H]"""
         work = np.full(self._height, float(self._width))
         if self.known:
-            left, top, right, bottom = self._rectangles.numpy().T
+            left, top, right, bottom = self.rectangles.numpy().T
             size = self._height + 1
             begun = np.bincount(top, right - left, size) - np.bincount(bottom, right - left, size)
             work += begun.cumsum()[:-1] * FACE_WORK
         return work
-
-    def entries(self, rays: Rays, first_pixel: int) -> Entries:
-        """All entries of the rays of the pixels first_pixel, ..., which keep them."""
-        count = len(rays.tet)
-        entries = rays.entries = empty_entries(count, "cpu")
-        exits = wp.zeros(count, dtype=int, device="cpu")
-        entries.count.zero_()
-        entries.next.zero_()
-        by_component = wp.empty(6 * (count + MOST_LANES), dtype=float, device="cpu")
-        inputs = [self._pose.geometry, self._rectangles, self._width, first_pixel, rays]
-        wp.launch(raster_kernel, 1, inputs, [by_component, exits], device="cpu")
-        counts = entries.count.numpy()
-        counts[(counts != exits.numpy()) | (counts > int(MOST_ENTRIES))] = UNKNOWN
-        return entries
 
 
 def bounding_rectangles(camera: Camera, vertices, faces):
@@ -104,22 +90,20 @@ def raster_native(
     facing: float,
     width: int,
     first_pixel: int,
+    ray_count: int,
     rays: Rays,
     by_component: wp.array(dtype=float),
     exits: wp.array(dtype=int),
-): ...
-
-
-@wp.kernel
-def raster_kernel(
-    geometry: Geometry,
-    rectangles: wp.array(dtype=wp.vec4i),  # [B] `bounding_rectangles`
-    width: int,  # of the image
-    first_pixel: int,  # of ray 0
-    rays: Rays,  # [R] their entries are added to
-    by_component: wp.array(dtype=float),  # [6 (R + lanes)] room
-    exits: wp.array(dtype=int),  # [R] added to
 ):
-    """Add all faces' crossings to the rays of their rectangles, by one thread."""
-    facing = orientation(geometry)
-    raster_native(geometry, rectangles, facing, width, first_pixel, rays, by_component, exits)
+    """Add all faces' crossings to the rays of their rectangles, by one thread.
+
+    Args:
+        rectangles: [B] `bounding_rectangles`
+        facing: `orientation` of the mesh.
+        width: Of the image.
+        first_pixel: Of ray 0.
+        rays: [R] Their entries are added to; the first `ray_count` are of the image.
+        by_component: [6 (R + lanes)] Room.
+        exits: [R] Added to.
+    """
+    ...

@@ -102,6 +102,7 @@ def trace_kernel(
     geometry: Geometry,
     rays: Rays,
     round: Round,  # in: all rays, and slots; out: those that are left
+    ray_count: int,  # of all rays
     round_slots: wp.array(dtype=int),  # K by round; empty: what is in the slots is all there is
     shading: NativeShading,
     pixels: Pixels,
@@ -109,7 +110,7 @@ def trace_kernel(
 ):
     """All rounds of the rays of a list, by one thread; `accumulate_kernel` says how one ends."""
     is_marched = round_slots.shape[0] == 0
-    count = round.alive.shape[0]
+    count = int(ray_count)
     number = int(0)
     sample_count = int(0)
     while count > 0:
@@ -221,7 +222,7 @@ class CpuShader:
         """
         assert round.slot_count <= CHUNK, round.slot_count
         totals = wp.zeros(2, dtype=int, device="cpu")
-        inputs = [Geometry(), rays, round, None, shading, pixels]
+        inputs = [Geometry(), rays, round, len(round.alive), None, shading, pixels]
         wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
         left, sample_count = totals.numpy().tolist()
         return round.alive[:left], sample_count
@@ -238,14 +239,18 @@ class CpuRounds:
         """Add the rays `alive` to the pixels, to their ends; returns the number of samples."""
         if not len(alive):
             return 0
-        capacity = min(SLOTS, max(ROUND_SLOTS) * len(alive))
-        ray_count = min(len(alive), capacity // min(ROUND_SLOTS))
-        round = empty_round(wp.clone(alive), ray_count, capacity)
-        totals = wp.zeros(2, dtype=int, device="cpu")
-        inputs = [self._pose.geometry, rays, round, self._round_slots]
-        inputs += [self._shader.of_launch(options), pixels]
-        wp.launch(trace_kernel, 1, inputs, [totals], device="cpu")
-        return int(totals.numpy()[1])
+        memory = TraceMemory(len(alive))
+        memory.alive.assign(alive)
+        return self.trace_in(memory, rays, len(alive), pixels, options)
+
+    def trace_in(self, memory: "TraceMemory", rays: Rays, count: int, pixels: Pixels, options):
+        """As `trace`: the first `count` rays that are `alive` in a memory."""
+        if memory.options != options:
+            memory.options, memory.shading = options, self._shader.of_launch(options)
+        inputs = [self._pose.geometry, rays, memory.round, count, self._round_slots]
+        inputs += [memory.shading, pixels]
+        wp.launch(trace_kernel, 1, inputs, [memory.totals], device="cpu")
+        return int(memory.totals.numpy()[1])
 
     def march(self, rays: Rays, alive, slot_count, pixels: Pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""
@@ -260,3 +265,14 @@ class CpuRounds:
         round.alive, round.slot_count = wp.clone(alive), len(slots.tet) // len(alive)
         round.samples, round.counts = slots, counts
         return self._shader.add(rays, round, pixels, self._shader.of_launch(options))
+
+
+class TraceMemory:
+    """What a launch of `trace_kernel` needs, for a list of at most so many rays."""
+
+    def __init__(self, ray_count: int):
+        capacity = min(SLOTS, max(ROUND_SLOTS) * ray_count)
+        self.alive = wp.empty(ray_count, dtype=int, device="cpu")
+        self.round = empty_round(self.alive, min(ray_count, capacity // min(ROUND_SLOTS)), capacity)
+        self.totals = wp.empty(2, dtype=int, device="cpu")
+        self.options = self.shading = None  # the last launch's

@@ -58,6 +58,11 @@ class HostRounds:
                 self._shading.finish(all_rays, pixels, options)
         return sample_count
 
+    def trace(self, memory, count: int, options) -> int:
+        """Render the first `count` rays that are alive in a TileMemory, on a CPU; as `render`."""
+        inputs = memory.trace, memory.rays, count, memory.pixels, options
+        return self._on_cpu.trace_in(*inputs)
+
     def _some_at_a_time(self, alive, slot_count):
         """Some of the rays at a time, on a CPU: their slots have to fit into memory."""
         count = len(alive)  # Warp takes no slice beyond the end

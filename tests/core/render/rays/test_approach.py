@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tile_rays import begun
 
 from deformrf.core.definition.image import render_rays
 from deformrf.core.render import (
@@ -9,13 +10,11 @@ from deformrf.core.render import (
     Renderer,
     RenderOptions,
     camera_rays,
-    empty_rays,
     look_at,
     pinhole,
 )
 from deformrf.core.render.rays.approach import ASIDE, ball_around, begin_at_ball
 from deformrf.core.render.rays.entries import UNKNOWN
-from deformrf.core.render.rays.raster import FaceRectangles
 
 SIZE = 24
 
@@ -55,22 +54,21 @@ def test_the_image_is_that_of_the_definition(renderer, distance):
 
 def test_rays_from_afar_find_their_entries_without_a_search(renderer):
     camera = view(1e3, 80)
-    rays = empty_rays(80 * 80, "cpu")
-    begin_at_ball(rays, *camera_rays(camera), ball_around(renderer.pose.vertices.numpy()))
-    entries = FaceRectangles(camera, renderer.pose).entries(rays, 0)
-    count = entries.count.numpy()
+    ball = ball_around(renderer.pose.vertices.numpy())
+    *rays, _ = begin_at_ball(*camera_rays(camera), ball)
+    count = begun(camera, renderer.pose, rays=rays)[0].entries.count.numpy()
     assert (count == UNKNOWN).sum() <= 0.01 * (count != 0).sum()
 
 
 def test_rays_from_nearby_and_from_nowhere_stay_what_they_are(renderer):
-    rays = empty_rays(2, "cpu")
     origins, directions = (
         np.array([[0.5, 0.5, 3.0], [1e9, 0, 0]]),
         np.array([[0.48, 0.6, -0.64], [0.8, 0.36, 0.48]]),
     )
     ball = ball_around(renderer.pose.vertices.numpy())
-    assert (begin_at_ball(rays, origins, directions, ball) == 0.0).all()  # the second looks away
-    np.testing.assert_array_equal(rays.origins.numpy(), origins.astype(np.float32))
+    begun_at, _, skipped = begin_at_ball(origins, directions, ball)
+    assert (skipped == 0.0).all()  # the second looks away
+    np.testing.assert_array_equal(begun_at, origins.astype(np.float32))
     assert ball_around(np.array([[0.0, 0.0, np.inf]])) is None
 
 

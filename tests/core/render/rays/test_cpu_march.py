@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from tile_rays import begun
 
 from deformrf.core.definition.image import ray_pieces, render_rays
 from deformrf.core.definition.subdivision import child_path
@@ -11,18 +12,13 @@ from deformrf.core.render import (
     Renderer,
     RenderOptions,
     camera_rays,
-    device_camera,
-    empty_rays,
     empty_samples,
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rays.approach import move_aside
-from deformrf.core.render.rays.camera import camera_rays_kernel
 from deformrf.core.render.rays.cpu_march import ORDERS, SIDE, lattice_paths
 from deformrf.core.render.rays.entries import Entries
 from deformrf.core.render.rays.marching import MIDDLE, march_kernel
-from deformrf.core.render.rays.raster import FaceRectangles
 from deformrf.core.render.rounds.compositing import empty_pixels
 
 MANY = 300  # slots: more than any ray needs
@@ -39,17 +35,6 @@ def test_paths_are_those_of_points_in_each_cube_and_order():
     assert len(set(lattice_paths())) == SUBTET_COUNT
 
 
-def rays_of(camera, pose):
-    """The rays of a camera, with all their entries, and which of them meet the mesh."""
-    count = camera.width * camera.height
-    rays = empty_rays(count, "cpu")
-    inputs, outputs = [device_camera(camera), 0], [rays.origins, rays.directions]
-    wp.launch(camera_rays_kernel, count, inputs, outputs, device="cpu")
-    move_aside(rays)
-    FaceRectangles(camera, pose).entries(rays, 0)
-    return rays, np.flatnonzero(rays.entries.count.numpy())
-
-
 def sampled(slots, counts, slot_count):
     """tet, bary, length and t of each ray's samples, with the coordinates side by side."""
     filled = np.arange(slot_count) < counts[:, None]
@@ -62,7 +47,7 @@ def sampled(slots, counts, slot_count):
 
 def by_ray(renderer, camera):
     """All samples of each ray, by march_ray in one round."""
-    rays, ids = rays_of(camera, renderer.pose)
+    rays, ids = begun(camera, renderer.pose)
     slots = empty_samples(len(ids) * MANY, "cpu")
     counts = wp.empty(len(ids), dtype=int, device="cpu")
     alive = wp.array(ids, dtype=int, device="cpu")
@@ -77,7 +62,7 @@ def in_vectors(renderer, camera, options, slot_count):
 
     Transmittance stays 1, so that each round goes as far as a ray that begins.
     """
-    rays, ids = rays_of(camera, renderer.pose)
+    rays, ids = begun(camera, renderer.pose)
     pixels = empty_pixels(len(rays.t), "cpu")
     found, left, rounds = {ray: [] for ray in ids}, ids, 0
     while len(left):
@@ -126,7 +111,7 @@ def test_middles_are_where_the_reference_has_them(make_ball_field):
     renderer.set_vertices(rest)
     camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 30, 30)
     found, _ = in_vectors(renderer, camera, RenderOptions(termination=0.0), MANY)
-    rays, ids = rays_of(camera, renderer.pose)
+    rays, ids = begun(camera, renderer.pose)
     lines = [a.numpy()[ids].astype(float) for a in (rays.origins, rays.directions)]
     expected_ray, _, _, t_in, t_out, *_ = ray_pieces(field.definition, rest.astype(float), *lines)
     off = []
@@ -149,7 +134,7 @@ def test_rounds_end_where_those_of_march_ray_end(make_ball_field, slot_count):
     camera = from_field_of_view(look_at((1.7, -0.7, 1.0), (0.5, 0.5, 0.5)), 0.5, 45, 37)
     found, shades = [], rng.uniform(0.05, 1.0, camera.width * camera.height)
     for with_entries in (True, False):
-        rays, ids = rays_of(camera, renderer.pose)
+        rays, ids = begun(camera, renderer.pose)
         # Rays through an edge search in both cases.
         ids = np.flatnonzero(rays.entries.count.numpy() > 0)
         if not with_entries:

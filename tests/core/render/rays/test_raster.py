@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import warp as wp
+from tile_rays import begun
 
-from deformrf.core.render import Pose, device_camera, empty_rays, from_field_of_view, look_at
-from deformrf.core.render.rays.camera import camera_rays_kernel
+from deformrf.core.render import Pose, from_field_of_view, look_at
 from deformrf.core.render.rays.entries import UNKNOWN
 from deformrf.core.render.rays.raster import FaceRectangles, bounding_rectangles
 
@@ -29,14 +28,6 @@ def pose_of(field, rng):
     vertices = field.mesh.rest_vertices
     pose.set_vertices(vertices + 0.004 * rng.normal(size=vertices.shape))
     return pose
-
-
-def rays_of(camera, first=0, count=None):
-    count = count or camera.width * camera.height
-    rays = empty_rays(count, "cpu")
-    outputs = [rays.origins, rays.directions]
-    wp.launch(camera_rays_kernel, count, [device_camera(camera), first], outputs, device="cpu")
-    return rays
 
 
 def crossings(pose, rays):
@@ -61,11 +52,12 @@ def test_rays_enter_where_they_cross_the_boundary(make_ball_field, parallel):
     rng = np.random.default_rng()
     field = make_ball_field(int(rng.integers(1000)), gap=float(rng.choice([0.0, 0.1])))
     pose, camera = pose_of(field, rng), view(rng, parallel)
-    rays = rays_of(camera)
-    entries = FaceRectangles(camera, pose).entries(rays, 0)
+    rays, alive = begun(camera, pose)
+    entries = rays.entries
     counts, t = entries.count.numpy(), entries.t.numpy()
     expected = crossings(pose, rays)
     assert (counts > 0).mean() > 0.05 and (counts == UNKNOWN).mean() < 0.03
+    np.testing.assert_array_equal(alive, np.flatnonzero(counts))
     for ray in np.flatnonzero(counts != UNKNOWN):
         enters = [t for t, entering in expected[ray] if entering]
         np.testing.assert_allclose(t[: counts[ray], ray], enters, rtol=1e-5)
@@ -74,10 +66,9 @@ def test_rays_enter_where_they_cross_the_boundary(make_ball_field, parallel):
 def test_a_tile_has_the_entries_of_its_pixels(make_ball_field):
     rng = np.random.default_rng()
     pose, camera = pose_of(make_ball_field(3), rng), view(rng)
-    faces = FaceRectangles(camera, pose)
-    whole = faces.entries(rays_of(camera), 0).count.numpy()
+    whole = begun(camera, pose)[0].entries.count.numpy()
     first, count = 17 * SIZE + 5, 23 * SIZE + 11
-    part = faces.entries(rays_of(camera, first, count), first).count.numpy()
+    part = begun(camera, pose, first, count)[0].entries.count.numpy()
     np.testing.assert_array_equal(part, whole[first : first + count])
     assert part.any()
 
@@ -87,6 +78,8 @@ def test_a_ray_that_starts_inside_has_to_search(make_ball_field):
     pose = pose_of(make_ball_field(3), rng)
     inside = from_field_of_view(look_at((0.5, 0.5, 0.5), (1.0, 0.6, 0.55)), 0.6, 20, 20)
     assert not FaceRectangles(inside, pose).known
+    rays, alive = begun(inside, pose)
+    assert (rays.entries.count.numpy() == UNKNOWN).all() and len(alive) == 400
 
 
 def test_rectangles_hold_their_faces(make_ball_field):
@@ -131,7 +124,7 @@ def test_rays_near_an_edge_have_to_search(make_ball_field):
         turned = replace(camera, camera_to_world=look_at(camera.position, aim))
         lens = replace(turned.lens, width=1, height=1, center=(0.5, 0.5))
         turned = replace(turned, lens=lens)
-        counts = FaceRectangles(turned, pose).entries(rays_of(turned), 0).count.numpy()
+        counts = begun(turned, pose)[0].entries.count.numpy()
         assert counts[0] in (UNKNOWN, 0)  # 0: an outline that the ray misses by a rounding
 
 

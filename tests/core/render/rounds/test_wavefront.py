@@ -131,7 +131,8 @@ def test_tangled_rays_see_every_tet(make_ball_field, device):
     mended = renderer.render(camera, RenderOptions(BACKGROUND, **whole))
     assert_alike(mended, renderer.render(camera, replace(HOST_ROUNDS, **whole)))
     rays = renderer._wavefront.buffers.rays
-    _, tangled = renderer.overlap.sort_rays(rays, camera.width * camera.height)
+    ids = wp.array(np.arange(camera.width * camera.height), dtype=int, device=renderer.device)
+    _, tangled = renderer.overlap.sort_rays(rays, ids)
     assert 0 < len(tangled) < 0.5 * (mended.color_array()[..., 3] > 0).sum()
     np.testing.assert_array_equal(plain.color_array(), kept)  # earlier images stay what they are
 
