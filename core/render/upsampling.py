@@ -28,7 +28,7 @@ from .temporal import PastView, phases, places_before, strided
 ROOM = 2  # coarse pixels around the object: its soft edges, and neighbors that are read
 STEEPEST = 6.0  # a surface's rise in depth, in pixels per pixel, that is no edge
 ALIKE = 0.5  # pixels; layers whose motions differ by less move alike
-LEAST_ROWS = 16  # of coarse pixels, of a thread
+LEAST_PIXELS = 1 << 17  # of the image, of a thread: some 4 ms
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
@@ -169,18 +169,18 @@ def add_coarse(picture, camera: Camera, background, before: Image, image: Image)
     differences, corner = wp.empty_like(picture.places), wp.vec2i(left, first)
     rows, columns = _cells(first, last, height), _cells(left, right, width)
 
-    def compare(start, end):
-        inputs = [picture.color, picture.places, corner, old, start]
-        wp.launch(differences_kernel, end - start, inputs, [differences], device="cpu")
-
     def fill(start, end):
+        above, below = rows[0] + start - first, rows[0] + end + 1 - first
+        above, below = max(above, 0), min(below, last - first)  # that these rows need
+        inputs = [picture.color, picture.places, corner, old, above]
+        wp.launch(differences_kernel, below - above, inputs, [differences], device="cpu")
         inputs = [picture.color, picture.places, differences, rays, corner]
         inputs += [rows[0] + start, wp.vec2i(*columns), int(picture.moved), old]
         wp.launch(upsample_kernel, end - start, inputs, [new], device="cpu")
 
-    for task, count in (compare, last - first), (fill, rows[1] - rows[0]):
-        spans = shares_of(count, LEAST_ROWS)
-        side_by_side([lambda span=span, task=task: task(*span) for span in spans])
+    pixels_a_row = (columns[1] - columns[0]) * picture.stride[0] * picture.stride[1]
+    spans = shares_of(rows[1] - rows[0], max(LEAST_PIXELS // max(pixels_a_row, 1), 1))
+    side_by_side([lambda span=span: fill(*span) for span in spans])
     part = []
     for axis, (low, high) in enumerate((rows, columns)):
         n, start, size = picture.stride[1 - axis], picture.phase[1 - axis], image.depth.shape[axis]

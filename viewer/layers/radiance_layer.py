@@ -296,9 +296,14 @@ class RadianceLayer:
         with self._times.task("draw"):
             given = coarse, self._renderer, camera, options.background, view, before
             image, part = upsampling.upsampled(*given)
-        picture = self._picture(1.0, camera, self.shown.texture, savings)
+        picture, last = self._picture(1.0, camera, self.shown.texture, savings), self.shown
+        rows = 0, camera.height
+        if view is not None and last.part is not None:  # the rest is background already
+            ends = [end for one in (last.part[0], part[0]) for end in (one.start, one.stop)]
+            rows = min(ends), max(ends)
         with self._times.task("upload"):
-            picture.texture.write(image)
+            color, depth = (array[slice(*rows)] for array in (image.color, image.depth))
+            picture.texture.write(Image(color, depth, 0), rows[0])
         picture.add(image, 0.0)
         picture.factor, picture.part = rung.factor, part
         self.shown, self._coming, self._sampling = picture, None, None

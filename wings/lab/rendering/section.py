@@ -28,7 +28,7 @@ from ..effort import Effort
 from ..report.contents import Figure, Section, Table
 from ..report.plots import INK, label, new_figure, png
 from ..stopwatch import WARM_UP, Share, Spread, milliseconds, spread_of
-from . import pictures
+from . import moving, pictures
 from .pictures import ExpectedPixels, PhotoPixels, largest_difference, picture_error
 
 BOUND = 45.0  # dB, of default mode
@@ -99,7 +99,14 @@ def section(
         numbers = pictures.random_pixels(camera, effort.pixel_count, seed)
         expected.append(pictures.expected_pixels(field, rest, camera, numbers))
     own = pictures.discretization(field, expected, DISCRETIZATION_PIXELS)
-    rows, times = measure(renderer, settings(renderer), expected, effort.turns, photos, step)
+    on_cpu = renderer.device.is_cpu
+    share = 0.8 if on_cpu else 1.0
+    part = lambda done: step(share * done)  # noqa: E731
+    rows, times = measure(renderer, settings(renderer), expected, effort.turns, photos, part)
+    tables = [Table("rendering", "Settings, each different from the default.", rows)]
+    if on_cpu:  # CUDA renders full images while things move
+        part = lambda done: step(share + (1.0 - share) * done)  # noqa: E731
+        tables.append(moving.table(field, effort.moving_size, part))
     caption = (
         "Error against time: the default's time, times each setting's share of it. Up and left is"
         f" better. Dashed: {BOUND:g} dB, the bound of default mode. The table names all points."
@@ -109,9 +116,9 @@ def section(
     return Section(
         key="rendering",
         title="Rendering: error against time",
-        findings=_findings(rows, expected, photos),
+        findings=_findings(rows, expected, photos) + moving.findings(tables[1:]),
         method=_method(expected, effort.turns, own),
-        tables=[Table("rendering", "Settings, each different from the default.", rows)],
+        tables=tables,
         figures=[Figure("rendering", caption, plot(rows))],
         passed=rows[0].within,
         values=values,
