@@ -1,5 +1,7 @@
 """Images that move: fewer rays are faster to have and farther from the exact image."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ def test_the_way_begins_at_rest_and_holds_the_foot(make_ball_field):
     np.testing.assert_allclose(way[0], rest, atol=1e-6)
     foot = rest[:, 2] == rest[:, 2].min()
     size = np.linalg.norm(np.ptp(rest, axis=0))
-    for before, after in zip(way, way[1:], strict=False):
+    for before, after in pairwise(way):
         np.testing.assert_array_equal(after[foot], before[foot])
         step = np.linalg.norm(after - before, axis=1).max()
         arc = moving.AMPLITUDE * 2.0 * np.pi * moving.FRAME_SECONDS / moving.TURN_SECONDS

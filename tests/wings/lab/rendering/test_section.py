@@ -12,7 +12,7 @@ from PIL import Image
 from deformrf.core.render import Renderer, RenderOptions, camera_rays, default_stop
 from deformrf.core.render.render_options import checked
 from deformrf.wings.lab.effort import EFFORTS
-from deformrf.wings.lab.rendering import pictures
+from deformrf.wings.lab.rendering import moving, pictures
 from deformrf.wings.lab.rendering import section as rendering
 from deformrf.wings.lab.rendering.pictures import PhotoPixels
 from deformrf.wings.lab.rendering.section import BOUND, LARGEST, TERMINATIONS, Setting
@@ -20,6 +20,7 @@ from deformrf.wings.lab.report.contents import record
 
 SIZE, PIXELS, TURNS = 24, 60, 2
 EFFORT = EFFORTS[True, True]._replace(size=SIZE, view_count=2, pixel_count=PIXELS, turns=TURNS)
+EFFORT = EFFORT._replace(moving_size=SIZE)
 DEFAULT = Setting("default", "default", candidate=True)
 
 
@@ -155,14 +156,16 @@ def test_the_section_says_what_was_measured(ball, with_photos):
     shares, renderer = [], Renderer(ball, "cpu")
     photos = photos_of(expected_of(renderer)) if with_photos else None
     section = rendering.section(ball, "cpu", EFFORT, photos, shares.append)
-    [table], [figure] = section.tables, section.figures
+    [table, moved], [figure] = section.tables, section.figures
+    assert moved.name == "moving"
     assert shares == sorted(shares) and shares[-1] == 1.0
     assert [row.setting for row in table.rows] == [s.name for s in rendering.settings(renderer)]
     assert list(section.values["times"]) == [row.setting for row in table.rows]
     assert all(len(turns) == TURNS for turns in section.values["times"].values())
     default = table.rows[0]
     assert record(default)["frame_ms"] == np.median(section.values["times"]["default"])
-    first, verdict, *others = section.findings
+    first, verdict, *others, last = section.findings
+    assert last in moving.findings([moved])
     assert f"{SIZE} × {SIZE} pixels" in first and f"{default.frame.median:.3g} ms" in first
     assert f"{default.psnr:.1f} dB" in first and f"{default.worst_psnr:.1f} dB" in first
     [chosen] = [row for row in table.rows if row.chosen]
