@@ -66,6 +66,11 @@ class Draw:
         turn = self.rng.normal(size=4)
         return (turn / np.linalg.norm(turn)).tolist()
 
+    def stretch(self):
+        turn, _ = np.linalg.qr(self.rng.normal(size=(3, 3)))
+        made = turn @ np.diag([self.number(2e-3, 1e2) for _ in range(3)]) @ turn.T
+        return (0.5 * (made + made.T)).tolist()
+
     def flag(self):
         return bool(self.rng.integers(2))
 
@@ -123,6 +128,7 @@ class Draw:
             **dict.fromkeys(("to", "rotation", "point", "towards_eye", "head", "tail"), self.point),
             "corners": lambda: self.rng.integers(0, self.vertices, 4).tolist(),
             "weights": self.weights,
+            "stretch": self.stretch,
             "text": lambda: self.one_of(["", *NAMES]),
             "name": lambda: self.one_of(NAMES),
             "clip": lambda: self.one_of(NAMES),

@@ -261,13 +261,14 @@ class Handles:
         """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
         self.grabbed.target = self.grabbed.target.moved(target)
 
-    def turn_to(self, rotation, scale: float) -> None:
+    def turn_to(self, rotation, scale: float, stretch=None) -> None:
         """Turn and scale what is held about its center.
 
         Args:
             rotation: Axis times angle [radians], from how it was grabbed.  [3]
+            stretch: Before it is turned, symmetric and positive definite.  [3, 3]
         """
-        self.grabbed.target = self.grabbed.target.turned(rotation, scale)
+        self.grabbed.target = self.grabbed.target.turned(rotation, scale, stretch)
 
     @property
     def behind(self) -> bool:
@@ -280,8 +281,10 @@ class Handles:
             motion = self.grabbed.reached.towards(self.grabbed.target, share)
             if motion.plain and self.grabbed.reached.plain:
                 self._move(motion.place)
-            else:
+            elif motion.stretch is None:
                 self._transform(motion.place, motion.rotation, motion.scale)
+            else:
+                self._stretch(motion.place, motion.rotation, motion.scale, motion.stretch)
 
     @edit("move")
     def _move(self, to):
@@ -292,6 +295,11 @@ class Handles:
     def _transform(self, to, rotation, scale):
         if self.grabbed is not None:
             self._reach(self.grabbed.reached.moved(to).turned(rotation, scale))
+
+    @edit("stretch")
+    def _stretch(self, to, rotation, scale, stretch):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale, stretch))
 
     def _reach(self, motion):
         self.grabbed.reached = motion
