@@ -2,8 +2,8 @@
 
 from imgui_bundle import imgui
 
-from ..input import label_of
 from ..settings import HANDS
+from .widgets import with_key
 
 TOLD = {
     "physics": "what you let go swings back",
@@ -26,4 +26,4 @@ def hand_switch(app) -> None:
             imgui.same_line()
         if imgui.radio_button(hand.capitalize(), app.scene.settings.hand == hand):
             app.scene.handles.choose_hand(hand)
-        imgui.set_item_tooltip(f"{TOLD[hand]} ({label_of('pose')})")
+        imgui.set_item_tooltip(with_key(app, "pose", TOLD[hand]))

@@ -5,7 +5,8 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from ..files import readable
-from ..input import ACTIONS, INPUTS
+from ..input import ACTIONS, inputs_of
+from ..settings import KEYS
 from .hand import hand_switch, switch_width
 
 FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
@@ -28,14 +29,14 @@ def menu_tree(inputs) -> dict:
     return tree | {LAST: tree.pop(LAST, {})}
 
 
-TREE = menu_tree(INPUTS)
+TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 
 
 def menu_bar(app) -> float:
     """Draw it along the window's upper edge; returns its height [points]."""
     if not imgui.begin_main_menu_bar():
         return 0.0
-    app.gui.guarded(_items, app, TREE)
+    app.gui.guarded(_items, app, TREES[app.scene.settings.keys])
     app.gui.guarded(_switch, app)
     app.gui.claim()
     height = imgui.get_window_height()

@@ -80,6 +80,11 @@ class Posing:
             self._ends = skeleton, self.pose, np.stack([heads, tails], axis=1)
         return self._ends[2]
 
+    def axes(self, bone: int):
+        """A bone's own axes as they are now, in columns.  [3, 3]"""
+        turn = self._matrices(self.current)[0][bone, :3, :3]
+        return turn / np.maximum(np.linalg.norm(turn, axis=0), 1e-12)
+
     # -- by hand -------------------------------------------------------------------------
 
     @edit("hold_bone", undo="pose a bone", begins=True)

@@ -1,0 +1,197 @@
+"""What keys do to a drag: begin one without a button, hold it to an axis, type a number, end it.
+
+Pixels are the image's, x to the right, y down.
+"""
+
+import numpy as np
+
+from ..camera import project
+from ..settings import OF_BONES
+from . import drags
+from .constraints import MOVE, TURN, Constraint
+from .gizmo import RING_STEP, Gizmo, Part, gizmo_of, own_axes, part_at, parts_of
+from .inputs import ALT, CTRL, OTHER_NAMES
+
+FREE = "{}: the mouse, or a number; X Y Z: along an axis; click or Enter: done; Esc: back"
+FLAT = 0.5  # the cosine of the least angle of a ring to the view at which the mouse goes around it
+OF_NUMBERS = {"MINUS", "PERIOD", "COMMA", "NUM_SUBTRACT", "NUM_DECIMAL"}  # keys, but for digits
+
+
+class DragKeys:
+    """The part of Controls that keys call."""
+
+    # -- a drag in progress --------------------------------------------------------------
+
+    @property
+    def held_drag(self):
+        """The Drag or BoneDrag in progress, or None."""
+        if self.mode == "grab" and self.scene.handles.grabbed is not None:
+            return self.dragging
+        return self.bones.drag if self.mode == "bone" else None
+
+    @property
+    def drag_place(self) -> np.ndarray:
+        """Where what is dragged is: the point that the axes of the drag go through.  [3]"""
+        if self.mode == "bone":
+            drag = self.bones.drag
+            if self.bones.place is not None or drag.joint.bone < 0:
+                return drag.joint.place
+            return self.scene.posing.ends[drag.joint.bone, int(drag.kind == MOVE)]
+        motion, drag = self.scene.handles.grabbed.target, self.dragging
+        return motion.place + (drag.anchor if drag.kind == MOVE else motion.center)
+
+    def turn_into(self, kind: str) -> None:
+        """Let the drag in progress move, turn or scale what is held; without one, begin it."""
+        grab = self.scene.handles.grabbed
+        if self.held_drag is None:
+            self._begin_free(kind)
+        elif self.mode == "grab":
+            kind = MOVE if self.dragging.kind == kind else kind
+            self.dragging.begin(kind, grab.target, self.pointer)
+            if kind == MOVE:
+                follows = grab.target.place + self.dragging.anchor
+                (center,), _ = project(self.camera, follows[None])
+                self.dragging.miss = self.pointer - center
+            self._say(self.dragging.line)
+        else:
+            self.bones.turn_into(kind, self.camera, self.pointer)
+
+    def along(self, axis: int, across: bool = False) -> None:
+        """Let the drag in progress go along, or turn about, one axis; its own one; or any.
+
+        Args:
+            across: In the plane across it instead.
+        """
+        drag = self.held_drag
+        if drag is not None:
+            drag.held.choose(axis, across)
+            self.follow(self.pointer)
+            self._say(drag.line)
+
+    def type(self, character: str) -> bool:
+        """Take a character of the number that says how far a drag goes; whether it is one."""
+        taken = self.held_drag is not None and self.held_drag.held.type(character)
+        if taken:
+            self.follow(self.pointer)
+        return taken
+
+    def follow(self, pixel) -> None:
+        """Send what is dragged to where the mouse is, or where a number says."""
+        if self.mode == "bone" and self.bones.drag is not None:
+            self.bones.move(self.camera, pixel, self.ratio)
+        elif (
+            self.mode == "grab" and self.scene.handles.grabbed is not None
+        ):  # a reset lets go while a button is down
+            drags.follow(self.dragging, self.scene.handles, self.camera, pixel, self.ratio)
+
+    # -- a drag without a button ---------------------------------------------------------
+
+    def _begin_free(self, kind):
+        """Move, turn or scale what is chosen, or under the mouse, until a click or Enter."""
+        tool = self.scene.settings.tool
+        if self.mode:
+            self._say(f"{kind}: while you drag a red point")
+        elif tool in OF_BONES:
+            if self.bones.take(self.camera, self.pointer, kind):
+                self.mode, self.free = "bone", True
+        elif tool != "grab" or not self._grab_chosen():
+            self._say(f"nothing to {kind}: select red points, or point at one")
+        else:
+            self.free = True
+            self.hold(kind, self.pointer)
+        if self.free:
+            self._say(FREE.format(kind))
+
+    def _grab_chosen(self):
+        """Take hold of what is selected, else of what is under the mouse; whether there is any."""
+        handles = self.scene.handles
+        chosen = handles.movable or [one for one in [handles.hover] if one in handles.control_ids]
+        if not chosen and self.spot is None:
+            return False
+        self._press = self.pointer
+        if chosen:
+            self._grab(chosen[0])
+        else:
+            self._grab_place()
+        return self.mode == "grab"
+
+    def hold(self, kind: str, pixel, constraint: Constraint | None = None) -> None:
+        """Let what was grabbed go by its middle from now on, in a way.
+
+        Args:
+            pixel: Where the mouse has it.  [2]
+        """
+        motion, drag = self.scene.handles.grabbed.target, self.dragging
+        (middle,), _ = project(self.camera, (motion.place + motion.center)[None])
+        drag.anchor, drag.miss = motion.center, pixel - middle
+        drag.held = constraint or drag.held
+        drag.held.own = own_axes(self.scene)
+        drag.begin(kind, motion, pixel)
+
+    # -- the gizmo -----------------------------------------------------------------------
+
+    def gizmo_parts(self) -> list[Part]:
+        """What shows of the gizmo; nothing during a gesture of the hand."""
+        gizmo = gizmo_of(self.scene) if self.mode in ("", "orbit", "pan", "gizmo") else None
+        return [] if gizmo is None else parts_of(gizmo, self.camera, self.ratio)
+
+    def gizmo_part_at(self, pixel) -> Part | None:
+        """What of the gizmo is under the mouse; a red point or a joint there comes first."""
+        parts = self.gizmo_parts()
+        part = part_at(parts, pixel, self.ratio) if parts else None
+        if part is not None and self.scene.settings.tool in OF_BONES:
+            joint = self.bones.pick(self.camera, pixel, self.ratio)
+            return part if joint is None or joint.end == "body" else None
+        return part if part is None or self.pick(pixel) is None else None
+
+    def take_part(self) -> None:
+        """Begin the drag of the part of the gizmo on which the button went down."""
+        gizmo, part = gizmo_of(self.scene), self.part
+        if gizmo is None:  # a key took the selection away
+            self.mode = ""
+            return
+        own = self.scene.settings.own_axes
+        held = Constraint(axis=part.axis, across=part.across, is_own=own and part.axis is not None)
+        if gizmo.kind == TURN and part.axis is not None:
+            held.tangent = self._tangent(gizmo, part)
+        if self.scene.settings.tool in OF_BONES:
+            if not self.bones.take(self.camera, self._press, gizmo.kind):
+                self.mode = ""
+                return
+            self.mode, held.own = "bone", self.bones.drag.held.own
+            self.bones.drag.held = held
+        else:
+            self._grab(self.scene.handles.movable[0])
+            self.hold(gizmo.kind, self._press, held)
+
+    def _tangent(self, gizmo: Gizmo, part):
+        """Pixels per radian along a ring where it was pressed, if it is seen from its side."""
+        axis, camera = gizmo.axes[:, part.axis], self.camera
+        view = camera.forward if camera.parallel else gizmo.pivot - camera.position
+        if abs(axis @ view) > FLAT * np.linalg.norm(view):
+            return None
+        nearest = int(np.linalg.norm(part.line - self._press, axis=1).argmin())
+        before, after = max(nearest - 1, 0), min(nearest + 1, len(part.line) - 1)
+        return (part.line[after] - part.line[before]) / ((after - before) * RING_STEP)
+
+    # -- the window's events -------------------------------------------------------------
+
+    def on_key_press(self, symbol, modifiers):
+        """Keys of numbers are a drag's as long as it goes on, and Enter, which ends a free one."""
+        from pyglet.window import key  # not at the top: it needs a display, or headless mode
+
+        if self.held_drag is None or modifiers & (CTRL | ALT):
+            return None
+        name = key.symbol_string(symbol)
+        if name in ("ENTER", "NUM_ENTER") and (self.free or self.held_drag.held.text):
+            self.finish()
+            return True
+        if name == "BACKSPACE":
+            return self.type("\b")
+        digit = OTHER_NAMES.get(name, name).removeprefix("_").isdigit()
+        return digit or name in OF_NUMBERS or None
+
+    def on_text(self, text):
+        """Characters of a number; which key has them is a matter of the keyboard."""
+        taken = [self.type(character) for character in text]
+        return any(taken) or None
