@@ -191,7 +191,8 @@ class BoneTool:
         (at,), _ = project(camera, drag.joint.place[None])
         drag.press, drag.miss = np.array(pixel, float), pixel - at
         drag.kind = MOVE if drag.kind == kind == TURN else kind
-        drag.angle, drag.amount, drag.held.text = 0.0, None, ""
+        drag.angle, drag.amount = 0.0, None
+        drag.held.text, drag.held.tangent = "", None
         self._say(drag.line)
 
     # -- joints --------------------------------------------------------------------------

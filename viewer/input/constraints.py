@@ -13,6 +13,7 @@ from ..camera import onto_view_plane, project, ray
 MOVE, TURN, SCALE = KINDS = "move", "turn", "scale"
 WORDS = {MOVE: "along", TURN: "about", SCALE: "along"}
 UNITS = {MOVE: " of the size", TURN: "°", SCALE: " times"}
+DIGITS = {MOVE: 3, TURN: 1, SCALE: 3}  # behind the point, of what the mouse says
 ALONG = 0.1  # the sine of the least angle between a ray and the axis, or plane, of a move
 FARTHEST_DRAG = 5.0  # object sizes from the start, along an axis or in a plane
 LONGEST_NUMBER = 10  # characters
@@ -93,7 +94,10 @@ class Constraint:
             line += f" {WORDS[kind]} {'its own ' * self.is_own}{names}"
         if self.text:
             return f"{line}: {self.text}_{UNITS[kind]}"
-        return line if amount is None else f"{line}: {amount:.3g}{UNITS[kind]}"
+        if amount is None:
+            return line
+        amount = round(amount, DIGITS[kind]) + 0.0  # no -0
+        return f"{line}: {amount:.{DIGITS[kind]}f}{UNITS[kind]}"
 
     def place(self, camera, aim, start, now, size: float) -> np.ndarray:
         """Where something that began at `start` [3] and is at `now` [3] goes, to be at a pixel.

@@ -27,8 +27,10 @@ from ..scene import MOST_ADDED
 from ..settings import DELETING, OF_BONES, ORBIT_KEYS
 from . import drags
 from .bone_tool import BoneTool
+from .constraints import Constraint
 from .deleting import BRUSH, Stroke, delete_region, end_stroke, outline_of, widen_brush
 from .drag_keys import DragKeys
+from .gizmo import own_axes
 from .inputs import ALT, CTRL, LEFT, MIDDLE, RIGHT, SHIFT
 from .under_mouse import nearest_zoom, surface_at
 
@@ -381,7 +383,8 @@ class Controls(DragKeys):
     def _begin_drag(self, handle):
         scene = self.scene
         (center,), _ = project(self.camera, self._place(handle)[None])
-        self.dragging = drags.Drag(self._press, self._press - center)
+        held = Constraint(own=own_axes(scene))
+        self.dragging = drags.Drag(self._press, self._press - center, held=held)
         self.pointer = self._press
         self.mode = "grab"
         if scene.paused and scene.settings.hand != "pose":

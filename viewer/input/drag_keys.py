@@ -8,12 +8,13 @@ import numpy as np
 from ..camera import project
 from ..settings import OF_BONES
 from . import drags
-from .constraints import MOVE, TURN, Constraint
-from .gizmo import RING_STEP, Gizmo, Part, gizmo_of, own_axes, part_at, parts_of
+from .constraints import MOVE, TURN
+from .gizmo import RING_STEP, Gizmo, Part, gizmo_of, part_at, parts_of
 from .inputs import ALT, CTRL, OTHER_NAMES
 
 FREE = "{}: the mouse, or a number; X Y Z: along an axis; click or Enter: done; Esc: back"
 FLAT = 0.5  # the cosine of the least angle of a ring to the view at which the mouse goes around it
+LEAST_WAY = 40.0  # points for a radian
 OF_NUMBERS = {"MINUS", "PERIOD", "COMMA", "NUM_SUBTRACT", "NUM_DECIMAL"}  # keys, but for digits
 
 
@@ -77,11 +78,11 @@ class DragKeys:
 
     def follow(self, pixel) -> None:
         """Send what is dragged to where the mouse is, or where a number says."""
-        if self.mode == "bone" and self.bones.drag is not None:
+        if self.held_drag is None:  # a reset lets go while a button is down
+            return
+        if self.mode == "bone":
             self.bones.move(self.camera, pixel, self.ratio)
-        elif (
-            self.mode == "grab" and self.scene.handles.grabbed is not None
-        ):  # a reset lets go while a button is down
+        else:
             drags.follow(self.dragging, self.scene.handles, self.camera, pixel, self.ratio)
 
     # -- a drag without a button ---------------------------------------------------------
@@ -91,7 +92,9 @@ class DragKeys:
         tool = self.scene.settings.tool
         if self.mode:
             self._say(f"{kind}: while you drag a red point")
-        elif tool in OF_BONES:
+            return
+        self._say(FREE.format(kind))
+        if tool in OF_BONES:
             if self.bones.take(self.camera, self.pointer, kind):
                 self.mode, self.free = "bone", True
         elif tool != "grab" or not self._grab_chosen():
@@ -99,8 +102,6 @@ class DragKeys:
         else:
             self.free = True
             self.hold(kind, self.pointer)
-        if self.free:
-            self._say(FREE.format(kind))
 
     def _grab_chosen(self):
         """Take hold of what is selected, else of what is under the mouse; whether there is any."""
@@ -115,8 +116,8 @@ class DragKeys:
             self._grab_place()
         return self.mode == "grab"
 
-    def hold(self, kind: str, pixel, constraint: Constraint | None = None) -> None:
-        """Let what was grabbed go by its middle from now on, in a way.
+    def hold(self, kind: str, pixel) -> None:
+        """Let what was grabbed go by its middle from now on.
 
         Args:
             pixel: Where the mouse has it.  [2]
@@ -124,8 +125,6 @@ class DragKeys:
         motion, drag = self.scene.handles.grabbed.target, self.dragging
         (middle,), _ = project(self.camera, (motion.place + motion.center)[None])
         drag.anchor, drag.miss = motion.center, pixel - middle
-        drag.held = constraint or drag.held
-        drag.held.own = own_axes(self.scene)
         drag.begin(kind, motion, pixel)
 
     # -- the gizmo -----------------------------------------------------------------------
@@ -150,19 +149,19 @@ class DragKeys:
         if gizmo is None:  # a key took the selection away
             self.mode = ""
             return
-        own = self.scene.settings.own_axes
-        held = Constraint(axis=part.axis, across=part.across, is_own=own and part.axis is not None)
+        if self.scene.settings.tool not in OF_BONES:
+            self._grab(self.scene.handles.movable[0])
+            self.hold(gizmo.kind, self._press)
+        elif self.bones.take(self.camera, self._press, gizmo.kind):
+            self.mode = "bone"
+        else:
+            self.mode = ""
+            return
+        held = self.held_drag.held
+        held.axis, held.across = part.axis, part.across
+        held.is_own = self.scene.settings.own_axes and part.axis is not None
         if gizmo.kind == TURN and part.axis is not None:
             held.tangent = self._tangent(gizmo, part)
-        if self.scene.settings.tool in OF_BONES:
-            if not self.bones.take(self.camera, self._press, gizmo.kind):
-                self.mode = ""
-                return
-            self.mode, held.own = "bone", self.bones.drag.held.own
-            self.bones.drag.held = held
-        else:
-            self._grab(self.scene.handles.movable[0])
-            self.hold(gizmo.kind, self._press, held)
 
     def _tangent(self, gizmo: Gizmo, part):
         """Pixels per radian along a ring where it was pressed, if it is seen from its side."""
@@ -172,7 +171,9 @@ class DragKeys:
             return None
         nearest = int(np.linalg.norm(part.line - self._press, axis=1).argmin())
         before, after = max(nearest - 1, 0), min(nearest + 1, len(part.line) - 1)
-        return (part.line[after] - part.line[before]) / ((after - before) * RING_STEP)
+        way = (part.line[after] - part.line[before]) / ((after - before) * RING_STEP)
+        length = float(np.linalg.norm(way))  # where the ring turns back, a pixel would be much
+        return way / length * max(length, LEAST_WAY * self.ratio) if length > 0.0 else None
 
     # -- the window's events -------------------------------------------------------------
 

@@ -38,7 +38,8 @@ class Drag:
     def begin(self, kind: str, motion, pixel) -> None:
         """Go on in another way from where the mouse and what is held are now."""
         self.kind, self.press, self.angle = kind, np.array(pixel, float), 0.0
-        self.before, self.amount, self.held.text = motion, None, ""
+        self.before, self.amount = motion, None
+        self.held.text, self.held.tangent = "", None
 
 
 def follow(drag: Drag, handles, camera, pixel, ratio: float) -> None:
