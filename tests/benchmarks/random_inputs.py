@@ -22,6 +22,7 @@ from random_hands import Inputs
 from deformrf.core.base.paths import BUNDLED
 from deformrf.core.field import load
 from deformrf.viewer.events import EventLog
+from deformrf.viewer.history import begin_anew
 from deformrf.viewer.memory import resident_bytes
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, load_session, save_session
@@ -66,9 +67,9 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_STATE_HOME"] = folder
         app = App(*window, EventLog(False))
+        app.load(field, "model", "cpu")
+        app.scene.settings.fixed_resolution = 0.25
         for number in range(-(-arguments.inputs // SESSION)):
-            app.load(field, "model", "cpu")
-            app.scene.settings.fixed_resolution = 0.25
             use(app, np.random.default_rng([seed, number]), SESSION)
             same = played_again(app, field, Path(folder))
             faults += not same
@@ -77,6 +78,9 @@ def main():
             edits = len(app.scene.journal.events)
             line = f"session {number} of seed {seed}: {edits} edits, {end}, {memory:.0f} MB"
             print(line, flush=True)
+            app.autosave.end()
+            begin_anew(app.scene)
+            app.begin_autosave()
         app.close()
     sys.exit(int(faults > 0))
 

@@ -168,7 +168,9 @@ def _choose_keys(keys):
 
     def take(app):
         choose(app)
-        app.scene.settings.has_chosen_keys = True
+        app.scene.settings.has_chosen_keys = app.preferences.has_chosen_keys = True
+        app.preferences.keys = keys
+        app.recorder.say(app.preferences.save() or f"keys: {KEYS[keys]}'s")
 
     take.is_on = choose.is_on
     return take

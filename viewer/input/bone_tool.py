@@ -193,7 +193,6 @@ class BoneTool:
         drag.kind = MOVE if drag.kind == kind == TURN else kind
         drag.angle, drag.amount = 0.0, None
         drag.held.text, drag.held.tangent = "", None
-        self._say(drag.line)
 
     # -- joints --------------------------------------------------------------------------
 

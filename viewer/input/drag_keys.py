@@ -53,7 +53,6 @@ class DragKeys:
                 follows = grab.target.place + self.dragging.anchor
                 (center,), _ = project(self.camera, follows[None])
                 self.dragging.miss = self.pointer - center
-            self._say(self.dragging.line)
         else:
             self.bones.turn_into(kind, self.camera, self.pointer)
 
@@ -67,7 +66,6 @@ class DragKeys:
         if drag is not None:
             drag.held.choose(axis, across)
             self.follow(self.pointer)
-            self._say(drag.line)
 
     def type(self, character: str) -> bool:
         """Take a character of the number that says how far a drag goes; whether it is one."""

@@ -11,6 +11,7 @@ VIEW = (0.35, 0.36, 0.40, 0.9)  # what has no axis
 CHOSEN = (1.0, 0.72, 0.05, 1.0)
 EDGE = (1.0, 1.0, 1.0, 0.55)  # around the lines, so that they show on any picture
 WIDTH, EDGE_WIDTH = 2.5, 4.5  # points
+CHOICE = 88.0  # points, of the box of what it does
 TIP = 6.0  # points, of an arrow's head, or half a box
 FAINT = 0.45  # opacity of a square
 TOLD = """by its arrows, rings or boxes;
@@ -59,5 +60,7 @@ def gizmo_switch(app) -> None:
     def choose(kind):
         settings.gizmo = kind
 
+    imgui.set_next_item_width(CHOICE)
     combo("gizmo", settings.gizmo, GIZMOS, choose, with_key(app, "next_gizmo", TOLD))
+    imgui.same_line()
     setting("own axes", settings, "own_axes", with_key(app, "own_axes", OWN))

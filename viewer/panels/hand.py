@@ -13,10 +13,14 @@ TOLD = {
 
 def switch_width() -> float:
     """What the switch takes of a line [points]."""
-    style, frame = imgui.get_style(), imgui.get_frame_height()
-    widths = [imgui.calc_text_size(hand.capitalize()).x for hand in HANDS]
-    own = sum(frame + style.item_inner_spacing.x + width for width in widths)
-    return own + style.item_spacing.x * (len(HANDS) - 1)
+    own = sum(radio_width(hand.capitalize()) for hand in HANDS)
+    return own + imgui.get_style().item_spacing.x * (len(HANDS) - 1)
+
+
+def radio_width(title: str) -> float:
+    """What a radio button takes of a line [points]."""
+    spacing = imgui.get_style().item_inner_spacing.x
+    return imgui.get_frame_height() + spacing + imgui.calc_text_size(title).x
 
 
 def hand_switch(app) -> None:

@@ -20,7 +20,6 @@ from .film import film_window, progress_window
 from .gizmo import gizmo_overlay
 from .hand import hand_switch
 from .history import history_panel
-from .keys import keys_offer, offers_keys
 from .leaving import leaving_window
 from .menu import menu_bar
 from .offering import job_window
@@ -99,11 +98,6 @@ def draw_panels(app) -> None:
         imgui.end()
     if app.live is not None:
         training_window(app)
-    if offers_keys(app):
-        _floating("keys", (1.0, 1.0), above=above)
-        app.gui.guarded(keys_offer, app)
-        app.gui.claim()
-        imgui.end()
     if app.fly.on:
         over_message = above + 4.0 * MARGIN
         _floating("flying", (0.5, 1.0), imgui.WindowFlags_.no_inputs.value, over_message)

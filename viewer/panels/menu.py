@@ -8,7 +8,9 @@ from ..files import readable
 from ..input import ACTIONS, inputs_of
 from ..settings import KEYS
 from .hand import hand_switch, switch_width
+from .keys import keys_offer, offer_width, offers_keys
 
+BETWEEN = 24.0  # points from the choice of keys to the switch
 FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
 
 
@@ -45,8 +47,16 @@ def menu_bar(app) -> float:
 
 
 def _switch(app):
-    """Physics | Pose at the bar's right end, if there is space beside the menus."""
+    """Physics | Pose at the bar's right end, if there is space beside the menus.
+
+    Left of it the choice of keys, as long as it is offered.
+    """
     right = imgui.get_window_width() - switch_width() - imgui.get_style().window_padding.x
+    left = right - offer_width() - BETWEEN
+    if offers_keys(app) and left > imgui.get_cursor_pos_x():
+        imgui.set_cursor_pos_x(left)
+        keys_offer(app)
+        imgui.same_line()
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
     hand_switch(app)
 

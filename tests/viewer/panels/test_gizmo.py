@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import rig_hand as hand
 from random_hands import Inputs
+from xwindow import LiveViewer, missing_tools, screen
 
+from deformrf.core.base.paths import BUNDLED
 from deformrf.viewer import preferences
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, load_session, save_session
@@ -101,8 +104,6 @@ def test_keys_are_offered_until_they_are_chosen_if_that_is_kept(app, tmp_path, a
     frames(app, 2)
     ACTIONS[answer](app)
     assert not offered(app) and settings.keys == answer.removeprefix("keys_")
-    preferences.take(app.preferences, settings, settings.target_fps)
-    assert app.preferences.save() == ""
     kept, problem = preferences.load(app.preferences.path)
     assert (kept.keys, kept.has_chosen_keys, problem) == (settings.keys, True, "")
 
@@ -113,9 +114,9 @@ def test_any_inputs_raise_nothing_and_play_again_to_the_bit(app, ball, tmp_path)
     rigging = app.scene.rigging
     for height in (0.2, 0.5, 0.8):
         rigging.add_joint(np.array([0.5, 0.5, height]))
-    hand = Inputs(app, random)
+    any_hand = Inputs(app, random)
     for _ in range(400):
-        hand.act()
+        any_hand.act()
         if random.integers(3) == 0:
             app.frame(float(random.uniform(0.0, 0.05)))
     app.controls.cancel()
@@ -125,3 +126,46 @@ def test_any_inputs_raise_nothing_and_play_again_to_the_bit(app, ball, tmp_path)
     Player(other, session).play_to(session.ticks)
     np.testing.assert_array_equal(other.solver.vertices.numpy(), scene.solver.vertices.numpy())
     assert other.journal.events == scene.journal.events
+
+
+@pytest.mark.e2e
+def test_a_hand_poses_the_fox_with_the_gizmo_and_keys_it(tmp_path, give_up_window):
+    """In a window, with Blender's keys, which the first start offers."""
+    if missing_tools():
+        give_up_window(f"needs {' and '.join(missing_tools())}")
+    (tmp_path / "own").mkdir()
+    with screen(tmp_path) as display:
+        viewer = LiveViewer(display, BUNDLED["fox"], tmp_path / "own", "--size", "1000x700")
+        try:
+            _pose_and_key(viewer)
+        finally:
+            viewer.end()
+    (kept,) = (tmp_path / "own" / "config").rglob("preferences.json")
+    assert preferences.load(kept)[0].keys == "blender"
+
+
+def _pose_and_key(viewer):
+    viewer.click(752, 12)  # in the menu bar
+    viewer.wait(lambda: viewer.next_state()["keys"] == "blender", 20, "the keys are Blender's")
+    for name in ("Tab", "q", "ctrl+Tab"):  # no panel, rings, and bones
+        hand.key(viewer, name)
+    viewer.wait(lambda: viewer.next_state()["tool"] == "bones", 20, "bones are posed")
+    viewer.click(*hand.joint_at(viewer, 4))
+    rings = viewer.wait(lambda: viewer.next_state()["gizmo"], 20, "there is a gizmo")
+    assert set(rings) == {"x", "y", "z", "view"}
+    still = hand.joint_at(viewer, 4)
+    joints = np.array([joint["at"] for joint in viewer.state()["joints"]])
+    away = {name: np.linalg.norm(joints - at, axis=1).min() for name, at in rings.items()}
+    viewer.drag(rings[max(away, key=away.get)], (25, -25))
+    turned = viewer.next_state()
+    assert turned["undoes"] == "pose a bone" and turned["max_displacement"] > 0.02
+    hand.key(viewer, "k")
+    viewer.wait(lambda: "key" in viewer.next_state()["undoes"], 20, "a key is there")
+    for name in ("r", "y", "4", "5", "Return"):
+        hand.key(viewer, name)
+    assert viewer.next_state()["undoes"] == "pose a bone"
+    assert np.linalg.norm(hand.joint_at(viewer, 4) - still) > 10.0
+    hand.key(viewer, "ctrl+z")
+    hand.key(viewer, "ctrl+z")
+    hand.key(viewer, "ctrl+z")
+    assert viewer.next_state()["max_displacement"] == 0.0
