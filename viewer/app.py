@@ -252,6 +252,7 @@ class App:
         else:
             with times.task("simulate"):
                 scene.advance(seconds)
+                controls.end_if_there()
         if moved:
             times.passed(seconds, scene.journal.tick - tick)
         camera = controls.camera

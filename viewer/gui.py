@@ -111,6 +111,7 @@ class Gui:
         self._cross = False  # whether the mouse is shown as a cross
         self._captured = set()  # buttons that were pressed on a panel
         self._pressed = False  # on a panel, which has not answered yet
+        self.amount = ""  # that is typed into the panel, for the gizmo
         self.panel_open = True  # not folded up to its title
         self.log_file = None  # that a failed panel names
         self.asks: Callable[[], bool] = lambda: False  # whether there is a dialog, drawn or not

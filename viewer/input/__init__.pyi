@@ -7,7 +7,7 @@ from .inputs import (
     inputs_of as inputs_of,
     label_of as label_of,
 )
-from .gizmo import Part as Part
+from .gizmo import Part as Part, gizmo_of as gizmo_of
 from .view_actions import (
     AXIS_VIEWS as AXIS_VIEWS,
     FROM_VIEW as FROM_VIEW,

@@ -60,7 +60,8 @@ class Controls(DragKeys):
         # While a button is held: orbit, pan, pick, grab, push, paint, box, lasso, delete, bone or
         # gizmo.
         self.mode = ""
-        self.free = False  # a drag goes on without a button: a click ends it
+        self.free = False  # a drag goes on without a button: a click ends it,
+        self.finishes = False  # or that it has come where a number sends it
         self.part = None  # of the gizmo, under the mouse or the button
         self.dragging: drags.Drag | None = None  # of handles
         self.region = []  # pixels of the box's corners, or of the lasso
@@ -274,7 +275,7 @@ class Controls(DragKeys):
     def _end(self):
         self.mode, self._button, self.dragging, self.region = "", 0, None, []
         self._picked = self._pin = self._stroke = self.spot = self.part = None
-        self.free = False
+        self.free = self.finishes = False
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         handles = self.scene.handles
@@ -379,6 +380,11 @@ class Controls(DragKeys):
         handles.grab(handle)
         handles.hover = handle
         self._begin_drag(handle)
+
+    def _grab_selected(self):
+        """Begin the drag of what is selected, as a gizmo or a key does."""
+        self.scene.handles.grab_selected()
+        self._begin_drag(self.scene.handles.grabbed.handles[0])
 
     def _begin_drag(self, handle):
         scene = self.scene

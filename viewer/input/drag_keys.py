@@ -8,7 +8,7 @@ import numpy as np
 from ..camera import project
 from ..settings import OF_BONES
 from . import drags
-from .constraints import MOVE, TURN
+from .constraints import LONGEST_NUMBER, MOVE, TURN, number_of
 from .gizmo import RING_STEP, Gizmo, Part, gizmo_of, part_at, parts_of
 from .inputs import ALT, CTRL, OTHER_NAMES
 
@@ -104,13 +104,12 @@ class DragKeys:
     def _grab_chosen(self):
         """Take hold of what is selected, else of what is under the mouse; whether there is any."""
         handles = self.scene.handles
-        chosen = handles.movable or [one for one in [handles.hover] if one in handles.control_ids]
-        if not chosen and self.spot is None:
-            return False
         self._press = self.pointer
-        if chosen:
-            self._grab(chosen[0])
-        else:
+        if handles.takeable:
+            self._grab_selected()
+        elif handles.hover in handles.control_ids:
+            self._grab(handles.hover)
+        elif self.spot is not None:
             self._grab_place()
         return self.mode == "grab"
 
@@ -124,6 +123,24 @@ class DragKeys:
         (middle,), _ = project(self.camera, (motion.place + motion.center)[None])
         drag.anchor, drag.miss = motion.center, pixel - middle
         drag.begin(kind, motion, pixel)
+
+    def apply(self, text: str, axis: int) -> None:
+        """Do at once what the gizmo does, by a number along an axis or about it."""
+        gizmo = gizmo_of(self.scene)
+        if number_of(text) is None:
+            self._say(f"{text[:LONGEST_NUMBER]!r} is no number")
+        elif gizmo is not None and not self.mode:
+            self._begin_free(gizmo.kind)
+        if self.free:
+            held = self.held_drag.held
+            held.axis, held.is_own, held.text = axis, self.scene.settings.own_axes, text.strip()
+            self.follow(self.pointer)
+            self.finishes = True
+
+    def end_if_there(self) -> None:
+        """End a drag that `apply` began, once what is held is where it was sent."""
+        if self.finishes and not self.scene.handles.behind:
+            self.finish()
 
     # -- the gizmo -----------------------------------------------------------------------
 
@@ -148,7 +165,7 @@ class DragKeys:
             self.mode = ""
             return
         if self.scene.settings.tool not in OF_BONES:
-            self._grab(self.scene.handles.movable[0])
+            self._grab_selected()
             self.hold(gizmo.kind, self._press)
         elif self.bones.take(self.camera, self._press, gizmo.kind):
             self.mode = "bone"

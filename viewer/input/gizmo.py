@@ -133,7 +133,7 @@ def gizmo_of(scene) -> Gizmo | None:
         return None
     if settings.tool in OF_BONES:
         return _of_rig(scene) if settings.show_bones else None
-    ids = scene.handles.movable if settings.show_handles else []
+    ids = scene.handles.takeable if settings.show_handles else []
     if not ids:
         return None
     axes = own_axes(scene) if settings.own_axes else np.eye(3)
@@ -170,7 +170,7 @@ def own_axes(scene, bone: int | None = None):
     if bone is not None:
         return scene.posing.axes(bone)
     handles, rest = scene.handles, scene.field.mesh.rest_vertices
-    held = handles.movable if handles.grabbed is None else handles.grabbed.handles
+    held = handles.takeable if handles.grabbed is None else handles.grabbed.handles
     patches = [handles.patch(one, scene.grab_radius) for one in held]
     if not patches:
         return np.eye(3)

@@ -2,6 +2,7 @@
 
 from imgui_bundle import imgui
 
+from ..input import gizmo_of
 from ..settings import GIZMOS
 from .selection import AXES
 from .widgets import combo, setting, with_key
@@ -16,6 +17,8 @@ TIP = 6.0  # points, of an arrow's head, or half a box
 FAINT = 0.45  # opacity of a square
 TOLD = """by its arrows, rings or boxes;
 a bone turns, or its tip moves; a joint moves"""
+HINTS = {"move": "0.1", "turn": "45", "scale": "1.5"}
+UNITS = {"move": "in sizes of the object", "turn": "in degrees", "scale": "a factor"}
 OWN = """along the axes that the object has there now, or the bone's;
 while dragging: X, Y or Z twice"""
 
@@ -64,3 +67,17 @@ def gizmo_switch(app) -> None:
     combo("gizmo", settings.gizmo, GIZMOS, choose, with_key(app, "next_gizmo", TOLD))
     imgui.same_line()
     setting("own axes", settings, "own_axes", with_key(app, "own_axes", OWN))
+    gizmo = gizmo_of(app.scene)
+    if gizmo is not None:
+        _amount(app, gizmo.kind)
+
+
+def _amount(app, kind):
+    """A number, and buttons that move, turn or scale by it."""
+    imgui.set_next_item_width(CHOICE)
+    _, app.gui.amount = imgui.input_text_with_hint("##amount", HINTS[kind], app.gui.amount)
+    imgui.set_item_tooltip(UNITS[kind])
+    for axis, name in enumerate("xyz"):
+        imgui.same_line()
+        if imgui.button(f"{kind} {name}"):
+            app.controls.apply(app.gui.amount, axis)

@@ -142,7 +142,8 @@ class Grab:
     radius: float = 0.0  # around the handles [model units]
     first_radius: float = 0.0  # when it began
     passing: bool = False  # its handle is a point that is gone when it is let go
-    held_before: tuple | None = None  # pins and patches, if it took a posed handle
+    held_before: tuple | None = None  # pins and patches, if it took posed handles or pins
+    pins: list[int] = field(default_factory=list)  # of its handles, that are to be pinned again
 
 
 @dataclass

@@ -350,3 +350,46 @@ def test_the_middle_button_orbits_with_blenders_keys(controls, scene, keys, modi
     controls.press((160.0, 120.0), "middle", modifiers)
     controls.release("middle", modifiers)
     assert scene.handles.selected  # only a click of the left button lets it go
+
+
+@pytest.mark.parametrize("text", ["", "nan", "1e400", "-inf", "a third", "9" * 400])
+def test_what_is_no_number_is_refused_with_a_sentence(controls, scene, text):
+    said = []
+    controls._say = said.append
+    select(controls)
+    controls.apply(text, 0)
+    assert said[-1].endswith("is no number") and len(said[-1]) < 40
+    assert not controls.mode and scene.journal.steps == []
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_a_number_of_the_panel_is_applied_at_once_as_one_step(controls, scene, own):
+    scene.settings.hand, scene.settings.own_axes = "pose", own
+    ids = select(controls)
+    before = scene.handles.at(ids)
+    controls.apply(" 0.1 ", 2)
+    scene.advance(TIME_STEP)
+    controls.end_if_there()
+    assert not controls.mode and set(scene.handles.posed) == set(ids)
+    way = np.tile([0.0, 0.0, 0.1 * scene.size], (3, 1))
+    np.testing.assert_allclose(scene.handles.at(ids) - before, way, atol=1e-5)
+    assert [step.label for step in scene.journal.steps] == ["drag"]
+    controls.apply("1e300", 0)  # as far as a drag goes
+    scene.advance(TIME_STEP)
+    assert np.isfinite(scene.handles.at(ids)).all()
+    controls.cancel()
+    assert not controls.finishes
+
+
+def test_a_number_of_the_panel_turns_a_bone_and_moves_a_joint(controls, scene, chain):
+    scene.settings.tool, scene.settings.gizmo = "bones", "turn"
+    before = scene.posing.ends.copy()
+    controls.apply("-90", 1)
+    controls.end_if_there()
+    np.testing.assert_allclose(scene.posing.ends[1, 1], before[1, 0] - [0.3, 0, 0], atol=1e-6)
+    scene.undo()
+    scene.settings.tool = "joints"
+    controls.apply("0.05", 0)
+    controls.end_if_there()
+    moved = before[1, 1] + np.array([0.05 * scene.size, 0.0, 0.0])
+    np.testing.assert_allclose(scene.rigging.skeleton.tails[1], moved)

@@ -36,7 +36,7 @@ class Panel:
                 set_meters=self.called("meters"),
                 set_air_drag=self.called("air drag"),
             ),
-            settings=Settings(grab_radius=0.1),
+            settings=Settings(grab_radius=0.1, gizmo="off"),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20, contact=True),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
