@@ -20,7 +20,18 @@ from deformrf.viewer.timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
 from deformrf.wings.rig import METHODS, MOST_BONES
 
 NAMES = "a", "b", "Run"
-OFTEN = ("grab", "move", "key", "play", "add_bone", "hold_bone", "turn_bones", "set_softness")
+OFTEN = (
+    "grab",
+    "grab_pins",
+    "move",
+    "stretch",
+    "key",
+    "play",
+    "add_bone",
+    "hold_bone",
+    "turn_bones",
+    "set_softness",
+)
 
 
 class Draw:
