@@ -171,10 +171,11 @@ def own_axes(scene, bone: int | None = None):
         return scene.posing.axes(bone)
     handles, rest = scene.handles, scene.field.mesh.rest_vertices
     held = handles.takeable if handles.grabbed is None else handles.grabbed.handles
-    patches = [handles.patch(one, scene.grab_radius) for one in held]
-    if not patches:
+    if not held:
         return np.eye(3)
-    ids = np.unique(np.concatenate(patches))
+    ids = np.unique(np.concatenate([handles.corners(one) for one in held]))
+    if len(ids) < 4:  # single vertices: freed pins
+        ids = handles.patch(held[0], scene.grab_radius)
     return best_rotation(rest[ids], scene.positions[ids])
 
 

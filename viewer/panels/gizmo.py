@@ -25,11 +25,11 @@ while dragging: X, Y or Z twice"""
 
 def gizmo_overlay(app) -> None:
     """Draw the gizmo beneath the panels."""
-    if app.fly.on:
+    gizmo = None if app.fly.on else gizmo_of(app.scene)
+    if gizmo is None:
         return
     controls, lines = app.controls, imgui.get_background_draw_list()
     chosen = None if controls.part is None else controls.part.name
-    kind = app.scene.settings.gizmo
     for part in controls.gizmo_parts():
         points = [tuple(point) for point in part.line / controls.ratio]
         color = VIEW if part.axis is None else AXES[part.axis]
@@ -41,7 +41,7 @@ def gizmo_overlay(app) -> None:
         for width, shade in ((EDGE_WIDTH, EDGE), (WIDTH, color)):
             lines.add_polyline(points, LINE(shade), thickness=width, flags=0)
         if len(points) == 3:
-            _tip(lines, points, LINE(color), kind)
+            _tip(lines, points, LINE(color), gizmo.kind)
 
 
 def _tip(lines, points, color, kind):
