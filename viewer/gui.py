@@ -183,6 +183,11 @@ class Gui:
             self._io.add_mouse_wheel_event(scroll_x, scroll_y)
         return self.mouse_on_panel or None
 
+    @property
+    def pointer(self) -> np.ndarray:
+        """Where the mouse is [points], y down; also over a panel.  [2]"""
+        return np.array([self._io.mouse_pos.x, self._io.mouse_pos.y])
+
     def point_with_cross(self, on: bool) -> None:
         """Show the mouse as a cross, as tools have it, or as an arrow."""
         if on != self._cross:

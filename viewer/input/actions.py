@@ -96,6 +96,8 @@ def _tool(name):
 
     def take(app):
         settings = app.scene.settings
+        if app.controls.free:
+            app.controls.cancel()
         settings.tool = "grab" if settings.tool == name else name
 
     return take
@@ -148,6 +150,9 @@ def _widen_panel(by):
 
 
 def _turn_into(kind, app):
+    app.fly.end()
+    if app.gui is not None and app.gui.mouse_on_panel:  # a menu: nobody has told the controls
+        app.controls.pointer = app.gui.pointer * app.controls.ratio
     app.controls.turn_into(kind)
 
 

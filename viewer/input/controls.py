@@ -119,7 +119,8 @@ class Controls(DragKeys):
             return
         self._button, self.spot = button, None
         pixel = self._press = self.pointer = self._pixel(x, y)
-        self.part = self.gizmo_part_at(pixel) if button == LEFT else None
+        takes = button == LEFT and not modifiers & ORBITS[self.scene.settings.orbit_key]
+        self.part = self.gizmo_part_at(pixel) if takes else None
         if button != LEFT:
             orbits = button == MIDDLE and not modifiers & SHIFT
             self.mode = "orbit" if orbits and self.scene.settings.keys == "blender" else "pan"

@@ -151,6 +151,14 @@ def test_a_click_goes_through_the_gizmo(controls, scene):
     assert scene.handles.selected == [] != ids
 
 
+def test_alt_orbits_also_on_the_gizmo(controls, scene):
+    select(controls)
+    pixel = free_pixel(controls, part_named(controls, "z"))
+    controls.press(pixel, "left", inputs.ALT)
+    assert controls.mode == "orbit"
+    controls.release("left")
+
+
 def test_a_red_point_comes_before_the_gizmo(controls, scene):
     (handle,) = select(controls, 1)
     assert controls.gizmo_part_at(controls.pixel_of(handle)) is None

@@ -87,6 +87,23 @@ def test_a_free_drag_has_the_mouse_also_over_the_panel(app):
     send(app, "on_mouse_release", *inside, mouse.LEFT, 0)
 
 
+def test_a_free_drag_from_a_menu_begins_where_the_mouse_is(app):
+    from deformrf.viewer.input import ACTIONS
+
+    scene, controls = app.scene, app.controls
+    scene.handles.select(scene.handles.control_ids[:2])
+    send(app, "on_mouse_motion", 100, app.window.height - 5, 0, 0)  # on the menu bar
+    assert app.gui.mouse_on_panel
+    frames(app, 2)
+    ACTIONS["move"](app)
+    start = scene.handles.grabbed.target.place
+    send(app, "on_mouse_motion", 101, app.window.height - 5, 1, 0)
+    way = np.linalg.norm(scene.handles.grabbed.target.place - start)
+    assert 0.0 < way < 0.05 * scene.size
+    ACTIONS["bones"](app)  # another tool
+    assert not controls.mode and scene.handles.grabbed is None
+
+
 def offered(app):
     from deformrf.viewer.panels.keys import offers_keys
 
