@@ -30,6 +30,7 @@ OFTEN = (
     "add_bone",
     "hold_bone",
     "turn_bones",
+    "move_bones",
     "set_softness",
 )
 
@@ -157,6 +158,7 @@ class Draw:
             "parent": lambda: bone,
             "bones": lambda: self.several(lambda: self.whole(0, MOST_BONES - 1, 3)),
             "rotations": lambda: self.several(self.rotation),
+            "translations": lambda: self.several(self.point),
             "substep_count": lambda: self.whole(1, 40),
             "count": lambda: self.whole(1, MAX_STEPS),
             "hand": lambda: self.one_of(HANDS),
@@ -177,6 +179,8 @@ class Draw:
             values["masks"] = [f"{self.rng.integers(2**63):016x}" for _ in values["tets"]]
         if "rotations" in values and likely:
             values["rotations"] = [self.rotation() for _ in values["bones"]]
+        if "translations" in values and likely:
+            values["translations"] = [self.point() for _ in values["bones"]]
         return values
 
 

@@ -5,15 +5,15 @@ Pixels are the image's, x to the right, y down.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...wings.rig import BonePose, reach, turned
 from ..camera import project, ray
-from ..rigging import TAIL, Joint, Matter
+from ..rigging import HEAD, TAIL, Joint, Matter
 from .constraints import MOVE, SCALE, TURN, Constraint
-from .gizmo import chosen_joint, own_axes
+from .gizmo import chosen_joint, is_root, own_axes
 from .under_mouse import surface_at
 
 PICK = 9.0  # points from a joint's middle, or from a bone's line, where the mouse has it
@@ -102,7 +102,7 @@ class BoneTool:
         if kind == SCALE or (kind == TURN and on_joints):
             self._say(f"{kind}: not with a {'joint' if on_joints else 'bone'}")
             return False
-        if not on_joints:
+        if not on_joints and not (kind == MOVE and is_root(self.scene, joint)):
             joint = Joint(joint.bone, TAIL, self.scene.posing.ends[joint.bone, 1])
         self._begin(camera, pixel, joint, kind)
         return True
@@ -123,8 +123,8 @@ class BoneTool:
         if drag.joint.bone < 0:
             return
         if drag.start is None:
-            if drag.joint.end not in (TAIL, "body"):
-                self._say("a root's head stays where it is: drag a bone, or a tip")
+            if drag.joint.end == HEAD and not is_root(scene, drag.joint):
+                self._say("this head stays where it is: drag a bone, or a tip")
                 self.drag = None
                 return
             scene.posing.hold_bone(drag.joint.bone)
@@ -135,8 +135,13 @@ class BoneTool:
         skeleton, bone = scene.rigging.skeleton, drag.joint.bone
         if drag.kind == TURN:
             scene.posing.aim(turned(skeleton, drag.start, bone, self._turn(camera, pixel, ratio)))
+            return
+        aim = self._led(camera, pixel, drag.joint.place)
+        if drag.joint.end == HEAD:  # all that hangs on the root goes along
+            translations = drag.start.translations.copy()
+            translations[bone] = aim
+            scene.posing.aim(replace(drag.start, translations=translations))
         else:
-            aim = self._led(camera, pixel, drag.joint.place)
             scene.posing.aim(reach(skeleton, drag.start, bone, aim))
 
     def _led(self, camera, pixel, now):

@@ -6,6 +6,7 @@ Pixels are the image's, x to the right, y down.
 import numpy as np
 
 from ..camera import project
+from ..rigging import TAIL
 from ..settings import OF_BONES
 from . import drags
 from .constraints import LONGEST_NUMBER, MOVE, TURN, number_of
@@ -37,7 +38,8 @@ class DragKeys:
             drag = self.bones.drag
             if self.bones.place is not None or drag.joint.bone < 0:
                 return drag.joint.place
-            return self.scene.posing.ends[drag.joint.bone, int(drag.kind == MOVE)]
+            moves_tail = drag.kind == MOVE and drag.joint.end == TAIL
+            return self.scene.posing.ends[drag.joint.bone, int(moves_tail)]
         motion, drag = self.scene.handles.grabbed.target, self.dragging
         return motion.place + (drag.anchor if drag.kind == MOVE else motion.center)
 

@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from ..camera import pixels_per_unit, project, within
+from ..rigging import HEAD
 from ..settings import OF_BONES
 from .constraints import MOVE, SCALE, TURN
 
@@ -141,7 +142,7 @@ def gizmo_of(scene) -> Gizmo | None:
 
 
 def _of_rig(scene):
-    """A joint moves; a bone turns about its head, or its tip moves."""
+    """A joint moves; a bone turns about its head, or its tip moves, or a root does."""
     joint = chosen_joint(scene)
     if joint is None:
         return None
@@ -152,8 +153,14 @@ def _of_rig(scene):
     if joint.bone < 0:
         return None
     head, tail = scene.posing.ends[joint.bone]
-    moves = scene.settings.gizmo == MOVE
-    return Gizmo(MOVE if moves else TURN, tail if moves else head, axes)
+    if scene.settings.gizmo == MOVE:
+        return Gizmo(MOVE, head if is_root(scene, joint) else tail, axes)
+    return Gizmo(TURN, head, axes)
+
+
+def is_root(scene, joint) -> bool:
+    """Whether a joint is the head of a bone that hangs on none: it can be moved in a pose."""
+    return joint.bone >= 0 and joint.end == HEAD and scene.rigging.skeleton.parents[joint.bone] < 0
 
 
 def chosen_joint(scene):

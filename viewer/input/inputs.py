@@ -206,7 +206,7 @@ INPUTS = (
     ),
     Input(
         "A",
-        "animate: drag a bone to turn it, its tip to reach",
+        "animate: drag a bone to turn it, its tip to reach, a root's head to move all",
         "A",
         "bones",
         "Rig/Pose bones",

@@ -16,7 +16,7 @@ CHOICE = 88.0  # points, of the box of what it does
 TIP = 6.0  # points, of an arrow's head, or half a box
 FAINT = 0.45  # opacity of a square
 TOLD = """by its arrows, rings or boxes;
-a bone turns, or its tip moves; a joint moves"""
+a bone turns, or its tip or the head of a root moves; a joint moves"""
 HINTS = {"move": "0.1", "turn": "45", "scale": "1.5"}
 UNITS = {"move": "in sizes of the object", "turn": "in degrees", "scale": "a factor"}
 OWN = """along the axes that the object has there now, or the bone's;

@@ -132,6 +132,7 @@ ARGUMENTS = {
     "bones": listing(integer(0, MOST_BONES - 1)),
     "end": one_of(ENDS),
     "rotations": listing(both(vector(4, number(-1.0, 1.0)), _is_unit)),
+    "translations": listing(point),
     "clip": both(text(LONGEST_CLIP_NAME, least=1), str.isprintable),
     "seconds": number(0.0, LONGEST_CLIP),
     "softness": share,

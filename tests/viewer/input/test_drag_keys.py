@@ -309,6 +309,39 @@ def test_a_bone_is_turned_by_a_number_and_reaches_with_its_tip(controls, scene, 
     assert {part.name for part in controls.gizmo_parts()} == {"x", "y", "z", "view"}
 
 
+@pytest.mark.parametrize("by", ["gizmo", "mouse", "number"])
+def test_a_root_is_moved_with_all_that_hangs_on_it(controls, scene, chain, ball, tmp_path, by):
+    scene.settings.tool, start = "bones", start_of(scene)
+    before = scene.posing.ends.copy()
+    vertices = scene.solver.vertices.numpy().copy()
+    scene.rigging.selected = 0, "head"
+    if by == "gizmo":
+        drag_part(controls, "x", [20.0, 4.0])
+        controls.release("left")
+    elif by == "mouse":
+        (head,), _ = project(controls.camera, before[:1, 0])
+        controls.press(head, "left")
+        controls.drag(head + np.array([20.0, 0.0]), 20, 0)
+        scene.advance(TIME_STEP)
+        controls.release("left")
+    else:
+        controls.turn_into("move")
+        controls.along(0)
+        type_in(controls, "0.1")
+        controls.finish()
+    way = scene.posing.ends[0, 0] - before[0, 0]
+    assert way[0] > 0.02
+    np.testing.assert_allclose(scene.posing.ends, before + way, atol=1e-6)
+    moved = scene.solver.vertices.numpy() - vertices
+    np.testing.assert_allclose(moved, np.tile(way, (len(moved), 1)), atol=1e-5)
+    other = played(scene, ball, start, tmp_path)
+    np.testing.assert_array_equal(other.solver.vertices.numpy(), scene.solver.vertices.numpy())
+    np.testing.assert_array_equal(other.posing.ends, scene.posing.ends)
+    scene.undo()
+    np.testing.assert_array_equal(scene.posing.ends, before)
+    np.testing.assert_array_equal(scene.solver.vertices.numpy(), vertices)
+
+
 @pytest.mark.parametrize("ending", ["click", "escape"])
 def test_a_joint_is_moved_along_an_arrow_or_goes_back(controls, scene, chain, ending):
     scene.settings.tool = "joints"
