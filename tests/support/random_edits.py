@@ -139,8 +139,7 @@ class Draw:
         drawn = {
             **dict.fromkeys(("to", "rotation", "point", "towards_eye", "head", "tail"), self.point),
             "corners": lambda: self.rng.integers(0, self.vertices, 4).tolist(),
-            "weights": self.weights,
-            "stretch": self.stretch,
+            **{"weights": self.weights, "stretch": self.stretch},
             "text": lambda: self.one_of(["", *NAMES]),
             "name": lambda: self.one_of(NAMES),
             "clip": lambda: self.one_of(NAMES),

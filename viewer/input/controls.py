@@ -265,7 +265,8 @@ class Controls(DragKeys):
     def _end_click(self, modifiers):
         """A click on a handle: a posed one is let go, any other one selected."""
         handles = self.scene.handles
-        alone = not modifiers & (SHIFT | CTRL)
+        # Where the press took it out of the selection, it is none, also if Shift is up again.
+        alone = self._picked is not None and not modifiers & (SHIFT | CTRL)
         if alone and self._picked in handles.posed:
             self._set_pin(self._picked, False)
             return

@@ -64,6 +64,14 @@ def test_clicks_select_and_modifiers_add_and_remove(controls, scene):
     assert scene.journal.cursor == 0  # a click bends nothing, and there is nothing to undo
 
 
+def test_shift_may_be_let_go_before_the_button(controls, scene):
+    a, b, _ = apart(controls)
+    scene.handles.select([a, b])
+    controls.press(pixel_of(controls, a), "left", c.SHIFT)
+    controls.release("left")
+    assert scene.handles.selected == [b]
+
+
 def test_a_selection_is_dragged_as_one(controls, scene):
     a, b, _ = apart(controls)
     scene.handles.select([a, b])
