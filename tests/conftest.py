@@ -21,6 +21,7 @@ LONG = (
     "scenes/test_window_tool.py",
     "scenes/test_window_questions.py",
     "scenes/test_rig_window.py",
+    "viewer/panels/test_gizmo.py",
     "scenes/test_window_sessions.py",
     "scenes/test_window_opening.py",
     "core/training/test_trainer.py",

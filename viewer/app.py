@@ -75,6 +75,7 @@ class App:
 
             self.gui = Gui(window)
             self.gui.asks = lambda: bool(questions.question(self))
+            self.gui.lends = lambda: self.scene is not None and self.controls.free
 
     # -- start ---------------------------------------------------------------------------
 
@@ -139,8 +140,8 @@ class App:
     # -- the window's events (the mouse's are in controls.py) ----------------------------
 
     def on_key_press(self, symbol, modifiers):
-        ctrl, shift = bool(modifiers & key.MOD_CTRL), bool(modifiers & key.MOD_SHIFT)
-        action = action_of(key.symbol_string(symbol), ctrl, shift)
+        keys = "deformrf" if self.scene is None else self.scene.settings.keys
+        action = action_of(key.symbol_string(symbol), modifiers, keys)
         if action == "cancel" and questions.dismiss(self):
             return True
         if action == "quit" or (self.scene is not None and action is not None):
@@ -241,7 +242,7 @@ class App:
         controls.ratio = size[0] / max(self.window.width, 1)
         controls.covered = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
-            scene.handles.hover = None
+            scene.handles.hover = controls.part = None
         self.fly.advance(seconds)
         photograph, places = placed_photograph(self)
         moved, tick = scene.moving, scene.journal.tick
@@ -251,6 +252,7 @@ class App:
         else:
             with times.task("simulate"):
                 scene.advance(seconds)
+                controls.end_if_there()
         if moved:
             times.passed(seconds, scene.journal.tick - tick)
         camera = controls.camera

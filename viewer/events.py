@@ -46,6 +46,8 @@ def state_of(app) -> dict:
             {"bone": joint.bone, "end": joint.end, "at": at / controls.ratio}
             for joint, at in zip(joints, places, strict=True)
         ],
+        "gizmo": {part.name: part.grip / controls.ratio for part in controls.gizmo_parts()},
+        "keys": scene.settings.keys,
         "clip": scene.posing.clip if scene.posing.playing else None,
         "tool": scene.settings.tool,
         "dialog": None if app.dialog is None else app.dialog.title,

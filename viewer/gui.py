@@ -111,9 +111,11 @@ class Gui:
         self._cross = False  # whether the mouse is shown as a cross
         self._captured = set()  # buttons that were pressed on a panel
         self._pressed = False  # on a panel, which has not answered yet
+        self.amount = ""  # that is typed into the panel, for the gizmo
         self.panel_open = True  # not folded up to its title
         self.log_file = None  # that a failed panel names
         self.asks: Callable[[], bool] = lambda: False  # whether there is a dialog, drawn or not
+        self.lends: Callable[[], bool] = lambda: False  # whether a gesture has the mouse everywhere
         self._dialog = ""  # the one that is drawn
         self._failed = set()  # messages that were logged
 
@@ -125,7 +127,7 @@ class Gui:
         inside = any(
             left <= x <= right and low <= top <= high for left, low, right, high in self._rectangles
         )
-        return inside or self.has_keyboard
+        return (inside and not self.lends()) or self.has_keyboard
 
     @property
     def has_keyboard(self) -> bool:
@@ -161,7 +163,8 @@ class Gui:
         self._move(x, y)
         for _, bit, name in MODIFIERS:  # their own keys may have gone to another window
             self._io.add_key_event(name, bool(modifiers & bit))
-        self._add_button(button, True)
+        if not self.lends() or self.has_keyboard:
+            self._add_button(button, True)
         if self.mouse_on_panel:
             self._captured.add(button)
             self._pressed = True
@@ -179,6 +182,11 @@ class Gui:
         if self.mouse_on_panel:
             self._io.add_mouse_wheel_event(scroll_x, scroll_y)
         return self.mouse_on_panel or None
+
+    @property
+    def pointer(self) -> np.ndarray:
+        """Where the mouse is [points], y down; also over a panel.  [2]"""
+        return np.array([self._io.mouse_pos.x, self._io.mouse_pos.y])
 
     def point_with_cross(self, on: bool) -> None:
         """Show the mouse as a cross, as tools have it, or as an arrow."""
@@ -202,8 +210,7 @@ class Gui:
             imgui.internal.close_popup_to_level(bool(self._dialog), False)
             return True
         self._add_key(symbol, modifiers, True)
-        ctrl, shift = bool(modifiers & key.MOD_CTRL), bool(modifiers & key.MOD_SHIFT)
-        action = action_of(key.symbol_string(symbol), ctrl, shift)
+        action = action_of(key.symbol_string(symbol), modifiers)  # these are so with all KEYS
         if action == "quit" or (action == "cancel" and self.asks()):
             return None  # the App takes a dialog away, and asks before it ends
         # want_capture_keyboard would block the shortcuts whenever a panel has the focus.

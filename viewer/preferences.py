@@ -16,7 +16,7 @@ from ..core.base import schema
 from ..core.base.paths import whole_file
 from ..core.base.reading import open_file
 from ..core.base.streams import shown
-from .settings import HANDS, ORBIT_KEYS, PANEL_WIDTHS, SIDES, Settings
+from .settings import GIZMOS, HANDS, KEYS, ORBIT_KEYS, PANEL_WIDTHS, SIDES, Settings
 
 KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
@@ -28,6 +28,10 @@ KEPT = (  # of the Settings
     "hand",
     "grab_anywhere",
     "orbit_key",
+    "gizmo",
+    "own_axes",
+    "keys",
+    "has_chosen_keys",
     "show_panel",
     "panel_side",
     "panel_width",
@@ -48,6 +52,10 @@ class Preferences:
     hand: str = DEFAULT.hand
     grab_anywhere: bool = DEFAULT.grab_anywhere
     orbit_key: str = DEFAULT.orbit_key
+    gizmo: str = DEFAULT.gizmo
+    own_axes: bool = DEFAULT.own_axes
+    keys: str = DEFAULT.keys
+    has_chosen_keys: bool = DEFAULT.has_chosen_keys
     show_panel: bool = DEFAULT.show_panel
     panel_side: str = DEFAULT.panel_side
     panel_width: float = DEFAULT.panel_width
@@ -91,6 +99,10 @@ GOOD = {  # name: whether a value of the file is one
     "hand": schema.one_of(HANDS),
     "grab_anywhere": schema.flag,
     "orbit_key": schema.one_of(ORBIT_KEYS),
+    "gizmo": schema.one_of(GIZMOS),
+    "own_axes": schema.flag,
+    "keys": schema.one_of(KEYS),
+    "has_chosen_keys": schema.flag,
     "show_panel": schema.flag,
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),

@@ -13,6 +13,8 @@ SHOWN = (  # in films too
     *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
+KEYS = {"deformrf": "deformrf", "blender": "Blender"}  # whose keys these are
+GIZMOS = "move", "turn", "scale", "off"
 HANDS = "physics", "pose"  # what becomes of what a hand lets go: it swings back, or stays
 PHOTOGRAPHS = "hidden", "over", "beside"  # the render
 GRAB_RADII = 0.0, 0.4  # object sizes
@@ -32,6 +34,9 @@ class Settings:
     orbit_key: str = "alt"  # one of ORBIT_KEYS: with it a drag on the object orbits
     soft_grab: bool = False  # pull by springs, weaker towards the radius, not exactly
     hand: str = "physics"  # one of HANDS
+    gizmo: str = "move"  # one of GIZMOS: what that of the selection does
+    own_axes: bool = False  # the gizmo's are the selection's, not model space's
+    keys: str = "deformrf"  # one of KEYS
     tool: str = "grab"  # what a left drag does, one of TOOLS
     fixed_resolution: float | None = None  # a factor; without it, what target_fps allows
     target_fps: float = TARGET_FPS
@@ -51,6 +56,7 @@ class Settings:
     panel_side: str = "left"  # one of SIDES
     panel_width: float = 330.0  # points
     show_help: bool = False
+    has_chosen_keys: bool = False  # until then a line offers them
     has_dragged: bool = False  # a red point, ever; until then a line says how
     show_timeline: bool = False
     handles_in_clips: bool = True

@@ -20,7 +20,19 @@ from deformrf.viewer.timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
 from deformrf.wings.rig import METHODS, MOST_BONES
 
 NAMES = "a", "b", "Run"
-OFTEN = ("grab", "move", "key", "play", "add_bone", "hold_bone", "turn_bones", "set_softness")
+OFTEN = (
+    "grab",
+    "grab_pins",
+    "move",
+    "stretch",
+    "key",
+    "play",
+    "add_bone",
+    "hold_bone",
+    "turn_bones",
+    "move_bones",
+    "set_softness",
+)
 
 
 class Draw:
@@ -65,6 +77,11 @@ class Draw:
     def rotation(self):
         turn = self.rng.normal(size=4)
         return (turn / np.linalg.norm(turn)).tolist()
+
+    def stretch(self):
+        turn, _ = np.linalg.qr(self.rng.normal(size=(3, 3)))
+        made = turn @ np.diag([self.number(2e-3, 1e2) for _ in range(3)]) @ turn.T
+        return (0.5 * (made + made.T)).tolist()
 
     def flag(self):
         return bool(self.rng.integers(2))
@@ -122,7 +139,7 @@ class Draw:
         drawn = {
             **dict.fromkeys(("to", "rotation", "point", "towards_eye", "head", "tail"), self.point),
             "corners": lambda: self.rng.integers(0, self.vertices, 4).tolist(),
-            "weights": self.weights,
+            **{"weights": self.weights, "stretch": self.stretch},
             "text": lambda: self.one_of(["", *NAMES]),
             "name": lambda: self.one_of(NAMES),
             "clip": lambda: self.one_of(NAMES),
@@ -140,6 +157,7 @@ class Draw:
             "parent": lambda: bone,
             "bones": lambda: self.several(lambda: self.whole(0, MOST_BONES - 1, 3)),
             "rotations": lambda: self.several(self.rotation),
+            "translations": lambda: self.several(self.point),
             "substep_count": lambda: self.whole(1, 40),
             "count": lambda: self.whole(1, MAX_STEPS),
             "hand": lambda: self.one_of(HANDS),
@@ -160,6 +178,8 @@ class Draw:
             values["masks"] = [f"{self.rng.integers(2**63):016x}" for _ in values["tets"]]
         if "rotations" in values and likely:
             values["rotations"] = [self.rotation() for _ in values["bones"]]
+        if "translations" in values and likely:
+            values["translations"] = [self.point() for _ in values["bones"]]
         return values
 
 

@@ -1,11 +1,13 @@
 from .controls import Controls as Controls
 from .fly import Fly as Fly
-from .actions import (
-    ACTIONS as ACTIONS,
+from .actions import ACTIONS as ACTIONS
+from .inputs import (
     INPUTS as INPUTS,
     action_of as action_of,
+    inputs_of as inputs_of,
     label_of as label_of,
 )
+from .gizmo import Part as Part, gizmo_of as gizmo_of
 from .view_actions import (
     AXIS_VIEWS as AXIS_VIEWS,
     FROM_VIEW as FROM_VIEW,

@@ -3,20 +3,21 @@
 Pixels are the image's, x to the right, y down.
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...wings.rig import BonePose, reach, turned
-from ..camera import onto_view_plane, project, ray
-from ..rigging import TAIL, Joint, Matter
-from .drags import NEAR, TURN, TURN_PER_POINT, turn_axis, unwound
+from ..camera import project, ray
+from ..rigging import HEAD, TAIL, Joint, Matter
+from .constraints import MOVE, SCALE, TURN, Constraint
+from .gizmo import chosen_joint, is_root, own_axes
 from .under_mouse import surface_at
 
 PICK = 9.0  # points from a joint's middle, or from a bone's line, where the mouse has it
 AWAY = 1e-3  # object sizes: joints are placed on an object that is no farther from rest
-REACH = "reach"
 
 
 @dataclass
@@ -27,9 +28,15 @@ class BoneDrag:
     press: np.ndarray  # where that was, or where the present kind began [pixels]  [2]
     miss: np.ndarray  # from the joint to the press [pixels]  [2]
     start: BonePose | None = None  # of the bones, when the present kind began; None: a click so far
-    kind: str = REACH  # or TURN
-    axis: int | None = None  # 0, 1, 2: turn about this axis of model space only
+    kind: str = MOVE  # a bone reaches; or TURN
+    held: Constraint = field(default_factory=Constraint)
     angle: float = 0.0  # so far [radians]
+    amount: float | None = None  # so far: object sizes or degrees
+
+    @property
+    def line(self) -> str:
+        """What it does, in words."""
+        return self.held.words(self.kind, self.amount)
 
 
 class BoneTool:
@@ -82,24 +89,42 @@ class BoneTool:
         joint = self.pick(camera, pixel, ratio)
         if joint is None:
             return False
-        (at,), _ = project(camera, joint.place[None])
-        kind = TURN if joint.end == "body" else REACH
-        self.drag = BoneDrag(joint, pixel, pixel - at, kind=kind)
+        self._begin(camera, pixel, joint, TURN if joint.end == "body" else MOVE)
         self.scene.rigging.selected = joint.bone, TAIL if joint.end == "body" else joint.end
         return True
+
+    def take(self, camera, pixel, kind: str) -> bool:
+        """A gizmo, or a key, takes what is chosen; whether it can."""
+        joint, on_joints = chosen_joint(self.scene), self.scene.settings.tool == "joints"
+        if joint is None or (joint.bone < 0 and not on_joints):
+            self._say(f"nothing to {kind}: choose a {'joint' if on_joints else 'bone'} by a click")
+            return False
+        if kind == SCALE or (kind == TURN and on_joints):
+            self._say(f"{kind}: not with a {'joint' if on_joints else 'bone'}")
+            return False
+        if not on_joints and not (kind == MOVE and is_root(self.scene, joint)):
+            joint = Joint(joint.bone, TAIL, self.scene.posing.ends[joint.bone, 1])
+        self._begin(camera, pixel, joint, kind)
+        return True
+
+    def _begin(self, camera, pixel, joint, kind):
+        (at,), _ = project(camera, joint.place[None])
+        self.drag = BoneDrag(joint, pixel, pixel - at, kind=kind)
+        if joint.bone >= 0:
+            self.drag.held.own = own_axes(self.scene, joint.bone)
 
     def move(self, camera, pixel, ratio: float) -> None:
         """The mouse moves on, farther than in a click."""
         scene, drag = self.scene, self.drag
-        aim = onto_view_plane(camera, pixel - drag.miss, drag.joint.place)
         if scene.settings.tool == "joints":
-            self.place = aim
+            now = drag.joint.place if self.place is None else self.place
+            self.place = self._led(camera, pixel, now)
             return
         if drag.joint.bone < 0:
             return
         if drag.start is None:
-            if drag.joint.end not in (TAIL, "body"):
-                self._say("a root's head stays where it is: drag a bone, or a tip")
+            if drag.joint.end == HEAD and not is_root(scene, drag.joint):
+                self._say("this head stays where it is: drag a bone, or a tip")
                 self.drag = None
                 return
             scene.posing.hold_bone(drag.joint.bone)
@@ -109,20 +134,30 @@ class BoneTool:
             return
         skeleton, bone = scene.rigging.skeleton, drag.joint.bone
         if drag.kind == TURN:
-            rotation = self._angle(camera, pixel, ratio) * turn_axis(camera, drag.axis)
-            scene.posing.aim(turned(skeleton, drag.start, bone, rotation))
+            scene.posing.aim(turned(skeleton, drag.start, bone, self._turn(camera, pixel, ratio)))
+            return
+        aim = self._led(camera, pixel, drag.joint.place)
+        if drag.joint.end == HEAD:  # all that hangs on the root goes along
+            translations = drag.start.translations.copy()
+            translations[bone] = aim
+            scene.posing.aim(replace(drag.start, translations=translations))
         else:
             scene.posing.aim(reach(skeleton, drag.start, bone, aim))
 
-    def _angle(self, camera, pixel, ratio):
-        """By which the bone is turned about its head [radians]."""
-        drag = self.drag
-        (center,), _ = project(camera, self.scene.posing.ends[drag.joint.bone, :1])
-        since, now = drag.press - center, pixel - center
-        if np.linalg.norm(since) < NEAR * ratio:
-            return (pixel[0] - drag.press[0]) / ratio * TURN_PER_POINT
-        drag.angle = unwound(drag.angle, since, now)
-        return drag.angle
+    def _led(self, camera, pixel, now):
+        """Where what is dragged goes.  `now`: where it is.  Both [3]"""
+        drag, size = self.drag, self.scene.size
+        start = drag.joint.place
+        place = drag.held.place(camera, pixel - drag.miss, start, now, size)
+        drag.amount = drag.held.length(place - start, size)
+        return place
+
+    def _turn(self, camera, pixel, ratio):
+        """By which the bone is turned about its head, axis times angle.  [3]"""
+        drag, head = self.drag, self.scene.posing.ends[self.drag.joint.bone, 0]
+        drag.angle = drag.held.angle(camera, head, drag.press, pixel, ratio, drag.angle)
+        drag.amount = math.degrees(drag.angle)
+        return drag.angle * drag.held.turn_axis(camera)
 
     def release(self) -> None:
         """The button goes up: a joint stays where it was dragged to."""
@@ -146,24 +181,23 @@ class BoneTool:
             scene.undo()
 
     def turn_into(self, kind: str, camera, pixel) -> None:
-        """Let the drag in progress turn the bone instead of reaching, or reach again."""
-        drag = self.drag
-        if drag is None or drag.start is None or kind != TURN or drag.joint.end == "body":
-            self._say(f"{kind}: not with a bone" if kind != TURN else "a bone's body turns it")
+        """Let the drag in progress turn the bone, or reach with its tip."""
+        drag, scene = self.drag, self.scene
+        if kind == SCALE or drag.joint.bone < 0 or scene.settings.tool == "joints":
+            self._say(f"{kind}: not with a bone or a joint")
             return
-        self.scene.posing.follow()
-        drag.kind = REACH if drag.kind == TURN else TURN
-        drag.start, drag.angle = self.scene.posing.current, 0.0
-        if drag.kind == TURN:
-            drag.press = np.array(pixel, float)
-        self._say(drag.kind)
-
-    def along(self, axis: int) -> None:
-        """Let the drag in progress turn the bone about one axis only, or freely again."""
-        drag = self.drag
-        if drag is not None:
-            drag.axis = None if drag.axis == axis else axis
-            self._say(TURN if drag.axis is None else f"{TURN} about {'xyz'[axis]}")
+        if drag.joint.end != TAIL:
+            self._say("a bone's body turns it")
+            return
+        if drag.start is not None:
+            scene.posing.follow()
+            drag.start = scene.posing.current
+        drag.joint = Joint(drag.joint.bone, TAIL, scene.posing.ends[drag.joint.bone, 1])
+        (at,), _ = project(camera, drag.joint.place[None])
+        drag.press, drag.miss = np.array(pixel, float), pixel - at
+        drag.kind = MOVE if drag.kind == kind == TURN else kind
+        drag.angle, drag.amount = 0.0, None
+        drag.held.text, drag.held.tangent = "", None
 
     # -- joints --------------------------------------------------------------------------
 

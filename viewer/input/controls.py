@@ -27,12 +27,13 @@ from ..scene import MOST_ADDED
 from ..settings import DELETING, OF_BONES, ORBIT_KEYS
 from . import drags
 from .bone_tool import BoneTool
+from .constraints import Constraint
 from .deleting import BRUSH, Stroke, delete_region, end_stroke, outline_of, widen_brush
+from .drag_keys import DragKeys
+from .gizmo import own_axes
+from .inputs import ALT, CTRL, LEFT, MIDDLE, RIGHT, SHIFT
 from .under_mouse import nearest_zoom, surface_at
 
-# pyglet's numbers; the modules that name them can't be imported without a display.
-LEFT, MIDDLE, RIGHT = 1, 2, 4
-SHIFT, CTRL, ALT = 1, 2, 4
 ORBITS = dict(zip(ORBIT_KEYS, (ALT, CTRL, SHIFT), strict=True))
 PAINTED = {"stiffen": 1.2, "soften": 1.0 / 1.2}  # factors of stiffness at each event of the mouse
 ZOOM_PER_NOTCH = 0.88
@@ -47,7 +48,7 @@ REGIONS = "box", "lasso"
 HOW = {0: "replace", SHIFT: "add", CTRL: "remove", SHIFT | CTRL: "intersect"}  # with a region
 
 
-class Controls:
+class Controls(DragKeys):
     """The mouse's gesture, from one event to the next."""
 
     def __init__(self, scene, depth_image: Callable, log: Callable, say: Callable = print):
@@ -56,8 +57,12 @@ class Controls:
         `say` shows a message to the user.
         """
         self.scene = scene
-        # While a button is held: orbit, pan, pick, grab, push, paint, box, lasso, delete or bone.
+        # While a button is held: orbit, pan, pick, grab, push, paint, box, lasso, delete, bone or
+        # gizmo.
         self.mode = ""
+        self.free = False  # a drag goes on without a button: a click ends it,
+        self.finishes = False  # or that it has come where a number sends it
+        self.part = None  # of the gizmo, under the mouse or the button
         self.dragging: drags.Drag | None = None  # of handles
         self.region = []  # pixels of the box's corners, or of the lasso
         self.size = (1, 1)  # of the image
@@ -88,22 +93,46 @@ class Controls:
 
     def on_mouse_motion(self, x, y, dx, dy):
         pixel = self.pointer = self._pixel(x, y)
-        if not self.mode and self.scene.settings.tool in OF_BONES:
-            self.scene.handles.hover = None
-        elif not self.mode:
+        if self.free:
+            self.follow(pixel)
+        if self.mode:
+            return
+        self.part = self.gizmo_part_at(pixel)
+        if self.part is not None or self.scene.settings.tool in OF_BONES:
+            self.scene.handles.hover = self.spot = None
+        else:
             control = self.pick(pixel)
             pin = self.pick(pixel, self.scene.handles.pin_ids) if control is None else None
             self.scene.handles.hover = found = pin if control is None else control
             self.spot = self._place_under(pixel) if found is None else None
 
     def on_mouse_press(self, x, y, button, modifiers):
-        if self.mode or button not in (LEFT, MIDDLE, RIGHT):
-            return  # a second button does not interrupt what the first one does
-        self._button, tool, self.spot = button, self.scene.settings.tool, None
+        if self.mode:  # a second button does not interrupt what the first one does,
+            if button == RIGHT and self.mode in ("grab", "bone", "gizmo"):  # but takes it back
+                self.cancel()
+            elif button == LEFT and self.free:
+                self.pointer = self._pixel(x, y)
+                self.follow(self.pointer)
+                self.finish()
+            return
+        if button not in (LEFT, MIDDLE, RIGHT):
+            return
+        self._button, self.spot = button, None
         pixel = self._press = self.pointer = self._pixel(x, y)
+        takes = button == LEFT and not modifiers & ORBITS[self.scene.settings.orbit_key]
+        self.part = self.gizmo_part_at(pixel) if takes else None
         if button != LEFT:
-            self.mode = "pan"
-        elif tool == "push":
+            orbits = button == MIDDLE and not modifiers & SHIFT
+            self.mode = "orbit" if orbits and self.scene.settings.keys == "blender" else "pan"
+        elif self.part is not None:
+            self.mode = "gizmo"
+        else:
+            self._press_beside_gizmo(pixel, modifiers)
+
+    def _press_beside_gizmo(self, pixel, modifiers):
+        """The left button went down, and not on the gizmo, or for a click through it."""
+        tool = self.scene.settings.tool
+        if tool == "push":
             self._push(pixel)
         elif tool in PAINTED:
             self.mode, self._factor = "paint", PAINTED[tool]
@@ -157,9 +186,13 @@ class Controls:
             if clicking:
                 return
             self._pin = None
+        if self.mode == "gizmo":
+            if clicking:
+                return
+            self.take_part()
         if self.mode == "bone":
             if self.bones.drag is not None and not (clicking and self.bones.drag.start is None):
-                self.bones.move(self.camera, pixel, self.ratio)
+                self.follow(pixel)
         elif self.mode == "push":
             if scene.ball is not None:
                 center = scene.ball.target
@@ -169,8 +202,7 @@ class Controls:
         elif self.mode == "delete":
             self._stroke.move(before, pixel, self.brush_radius)
         elif self.mode == "grab":
-            if scene.handles.grabbed is not None:  # a reset lets go while the button is still down
-                drags.follow(self.dragging, scene.handles, self.camera, pixel, self.ratio)
+            self.follow(pixel)
         elif self.mode == "box":
             self.region = [self._press, pixel]
         elif self.mode == "lasso":
@@ -185,7 +217,10 @@ class Controls:
         if button != self._button:
             return
         scene, handles = self.scene, self.scene.handles
-        clicked = np.linalg.norm(self._pixel(x, y) - self._press) <= CLICK_SLACK * self.ratio
+        near = np.linalg.norm(self._pixel(x, y) - self._press) <= CLICK_SLACK * self.ratio
+        clicked = near and button == LEFT
+        if self.mode == "gizmo":
+            self._press_beside_gizmo(self._press, modifiers)
         if self.mode == "push":
             scene.end_push()
             self._log("end_push")
@@ -193,25 +228,10 @@ class Controls:
             self._log("paint", factors=scene.body.factors is not None)
         elif self.mode == "delete":
             self._say_deleted(end_stroke(scene))
-        elif self.mode == "grab":
-            if handles.grabbed is not None:
-                vertex = handles.grabbed.handles[0]
-                position = self._place(vertex)
-                handles.let_go()
-                if vertex in handles.posed:
-                    self._say(STAYS)
-                scene.settings.has_dragged = True
-                self._log("release", vertex=vertex, position=position)
-        elif self.mode == "bone":
-            self.bones.release()
-        elif (
-            self.mode == "pick" and self._picked in handles.posed and not modifiers & (SHIFT | CTRL)
-        ):
-            self._set_pin(self._picked, False)
+        elif self.mode in ("grab", "bone"):
+            self.finish()
         elif self.mode == "pick":
-            if not modifiers & (SHIFT | CTRL):
-                handles.select([self._picked])
-            self._log("select", vertices=handles.selected)
+            self._end_click(modifiers)
         elif self.mode in REGIONS:
             self._end_region(modifiers)
         elif self._pin is not None:
@@ -227,10 +247,26 @@ class Controls:
             self._log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
         self._end()
 
+    def finish(self) -> None:
+        """End the drag in progress: what was dragged is let go where it is."""
+        handles = self.scene.handles
+        if self.mode == "bone":
+            self.bones.release()
+        elif handles.grabbed is not None:
+            vertex = handles.grabbed.handles[0]
+            position = self._place(vertex)
+            handles.let_go()
+            if vertex in handles.posed:
+                self._say(STAYS)
+            self.scene.settings.has_dragged = True
+            self._log("release", vertex=vertex, position=position)
+        self._end()
+
     def _end_click(self, modifiers):
         """A click on a handle: a posed one is let go, any other one selected."""
         handles = self.scene.handles
-        alone = not modifiers & (SHIFT | CTRL)
+        # Where the press took it out of the selection, it is none, also if Shift is up again.
+        alone = self._picked is not None and not modifiers & (SHIFT | CTRL)
         if alone and self._picked in handles.posed:
             self._set_pin(self._picked, False)
             return
@@ -240,7 +276,8 @@ class Controls:
 
     def _end(self):
         self.mode, self._button, self.dragging, self.region = "", 0, None, []
-        self._picked = self._pin = self._stroke = self.spot = None
+        self._picked = self._pin = self._stroke = self.spot = self.part = None
+        self.free = self.finishes = False
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         handles = self.scene.handles
@@ -270,7 +307,7 @@ class Controls:
             handles.cancel()
             self._log("cancel", vertex=vertex)
         self.bones.cancel()
-        if self.mode in ("push", "delete", "grab", "pick", "bone", *REGIONS):
+        if self.mode in ("push", "delete", "grab", "pick", "bone", "gizmo", *REGIONS):
             self._end()
         elif not self.mode and self.scene.settings.tool in (*REGIONS, *DELETING):
             self.scene.settings.tool = "grab"
@@ -293,29 +330,6 @@ class Controls:
         free = [one for one in chosen if one in handles.posed or not handles.is_pinned(one)]
         handles.set_pins(free or chosen, bool(free))
         self._log("pin" if free else "free", vertex=chosen[0])
-
-    def turn_into(self, kind: str) -> None:
-        """Let the drag in progress move, turn or scale what is held."""
-        grab = self.scene.handles.grabbed
-        if self.mode == "grab" and grab is not None:
-            kind = drags.MOVE if self.dragging.kind == kind else kind
-            self.dragging.begin(kind, grab.target, self.pointer)
-            if kind == drags.MOVE:
-                (center,), _ = project(self.camera, grab.target.place[None])
-                self.dragging.miss = self.pointer - center
-            self._say(self.dragging.line)
-        elif self.mode == "bone":
-            self.bones.turn_into(kind, self.camera, self.pointer)
-        else:
-            self._say(f"{kind}: while you drag a red point")
-
-    def along(self, axis: int) -> None:
-        """Let the drag in progress go along, or turn about, one axis only; or no longer."""
-        if self.mode == "grab" and self.dragging is not None:
-            self.dragging.axis = None if self.dragging.axis == axis else axis
-            self._say(self.dragging.line)
-        elif self.mode == "bone":
-            self.bones.along(axis)
 
     # -- what is under the mouse ---------------------------------------------------------
 
@@ -369,10 +383,16 @@ class Controls:
         handles.hover = handle
         self._begin_drag(handle)
 
+    def _grab_selected(self):
+        """Begin the drag of what is selected, as a gizmo or a key does."""
+        self.scene.handles.grab_selected()
+        self._begin_drag(self.scene.handles.grabbed.handles[0])
+
     def _begin_drag(self, handle):
         scene = self.scene
         (center,), _ = project(self.camera, self._place(handle)[None])
-        self.dragging = drags.Drag(self._press, self._press - center)
+        held = Constraint(own=own_axes(scene))
+        self.dragging = drags.Drag(self._press, self._press - center, held=held)
         self.pointer = self._press
         self.mode = "grab"
         if scene.paused and scene.settings.hand != "pose":

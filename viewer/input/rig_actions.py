@@ -86,7 +86,9 @@ def _delete(app):
     """Delete the chosen key; while joints are placed, the chosen joint."""
     if app.scene.settings.tool != "joints":
         delete_key(app)
-    elif not app.controls.bones.delete():
+        return
+    app.controls.cancel()
+    if not app.controls.bones.delete():
         app.recorder.say("choose the joint to delete: click on it")
 
 

@@ -6,11 +6,11 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP, Material
-from ..input import label_of
 from ..layers import line_spacing
 from ..scene import EARTH
 from ..settings import DELETING, GRAB_RADII, TOOLS
-from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider
+from .gizmo import gizmo_switch
+from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider, with_key
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
 POISSON_RATIOS = 0.0, 0.49
@@ -30,9 +30,10 @@ AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
 DAMPING = "how fast vibrations fade"
 
-TOOL = f"""what a left drag does: grab a vertex, push with a ball ({label_of("toggle_push")}),
+TOOL = """what a left drag does: grab a vertex, push with a ball ({toggle_push}),
 make stiffer or softer what the mouse passes, within the grab radius, or delete
-({label_of("delete")}: brush, {label_of("delete_box")}: box, {label_of("delete_lasso")}: lasso)"""
+({delete}: brush, {delete_box}: box, {delete_lasso}: lasso)"""
+OF_TOOLS = "toggle_push", "delete", "delete_box", "delete_lasso"
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 HELD_BY = {
     "pins": "its pins",
@@ -51,6 +52,7 @@ def deform_panel(app):
     _shape(app)
     _tool(app)
     _grab(scene.settings)
+    gizmo_switch(app)
     _substeps(app)
     _surroundings(scene)
     imgui.text_disabled(vertex_line(scene))
@@ -76,11 +78,11 @@ def vertex_line(scene) -> str:
 
 
 def _time_buttons(app):
-    button("Go on" if app.scene.paused else "Pause", app, "pause", label_of("pause"))
+    button("Go on" if app.scene.paused else "Pause", app, "pause")
     imgui.same_line()
-    button("Step", app, "single_step", f"one 60th of a second ({label_of('single_step')})")
+    button("Step", app, "single_step", "one 60th of a second")
     imgui.same_line()
-    button("Reset", app, "reset", f"back to the rest pose ({label_of('reset')})")
+    button("Reset", app, "reset", "back to the rest pose")
     imgui.same_line()
     imgui.text_disabled(state_line(app.scene))
 
@@ -134,23 +136,22 @@ def _shape(app):
     strain = 0.0 if math.isinf(body.material.yield_strain) else body.material.yield_strain
     text = "strain %.2f" if strain else "never"
     slider("yields", strain, YIELD_STRAINS, text, change, tooltip=YIELD)
-    button("Rest here", app, "rest_here", f"return to this pose ({label_of('rest_here')})")
+    button("Rest here", app, "rest_here", "return to this pose")
     if body.rests_elsewhere:
         imgui.same_line()
-        key = label_of("undo_rest_here")
-        button("As before", app, "undo_rest_here", f"return to the shape before ({key})")
+        button("As before", app, "undo_rest_here", "return to the shape before")
 
 
 def _tool(app):
     settings, body = app.scene.settings, app.scene.body
-    combo("tool", settings.tool, TOOLS, partial(setattr, settings, "tool"), TOOL)
+    told = TOOL.format(**{action: with_key(app, action) for action in OF_TOOLS})
+    combo("tool", settings.tool, TOOLS, partial(setattr, settings, "tool"), told)
     if app.scene.settings.tool in DELETING or app.scene.cuts.some:
         _delete(app)
     if body.factors is not None:
-        button("Even", app, "clear_paint", f"equally stiff ({label_of('clear_paint')})")
+        button("Even", app, "clear_paint", "equally stiff")
         imgui.same_line()
-        key = label_of("save_model")
-        button("Save stiffness", app, "save_model", f"in a copy of the model, here ({key})")
+        button("Save stiffness", app, "save_model", "in a copy of the model, here")
 
 
 def _delete(app):
@@ -159,8 +160,7 @@ def _delete(app):
     imgui.text_disabled(f"{int(kept.sum()):,} of {len(kept):,} tets are left")
     button("Specks", app, "delete_specks", "delete parts with less than 1 % of the matter")
     imgui.same_line()
-    key = label_of("save_model")
-    button("Save smaller model", app, "save_model", f"without what was deleted, here ({key})")
+    button("Save smaller model", app, "save_model", "without what was deleted, here")
 
 
 def _grab(settings):

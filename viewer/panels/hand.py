@@ -2,8 +2,8 @@
 
 from imgui_bundle import imgui
 
-from ..input import label_of
 from ..settings import HANDS
+from .widgets import with_key
 
 TOLD = {
     "physics": "what you let go swings back",
@@ -13,10 +13,14 @@ TOLD = {
 
 def switch_width() -> float:
     """What the switch takes of a line [points]."""
-    style, frame = imgui.get_style(), imgui.get_frame_height()
-    widths = [imgui.calc_text_size(hand.capitalize()).x for hand in HANDS]
-    own = sum(frame + style.item_inner_spacing.x + width for width in widths)
-    return own + style.item_spacing.x * (len(HANDS) - 1)
+    own = sum(radio_width(hand.capitalize()) for hand in HANDS)
+    return own + imgui.get_style().item_spacing.x * (len(HANDS) - 1)
+
+
+def radio_width(title: str) -> float:
+    """What a radio button takes of a line [points]."""
+    spacing = imgui.get_style().item_inner_spacing.x
+    return imgui.get_frame_height() + spacing + imgui.calc_text_size(title).x
 
 
 def hand_switch(app) -> None:
@@ -26,4 +30,4 @@ def hand_switch(app) -> None:
             imgui.same_line()
         if imgui.radio_button(hand.capitalize(), app.scene.settings.hand == hand):
             app.scene.handles.choose_hand(hand)
-        imgui.set_item_tooltip(f"{TOLD[hand]} ({label_of('pose')})")
+        imgui.set_item_tooltip(with_key(app, "pose", TOLD[hand]))

@@ -2,7 +2,6 @@
 
 from imgui_bundle import imgui
 
-from ..input import label_of
 from .widgets import button
 
 SHOWN = 8  # steps
@@ -10,12 +9,11 @@ SHOWN = 8  # steps
 
 def history_panel(app):
     journal = app.scene.journal
-    button("Undo", app, "undo", label_of("undo"))
+    button("Undo", app, "undo")
     imgui.same_line()
-    button("Redo", app, "redo", label_of("redo"))
+    button("Redo", app, "redo")
     imgui.same_line()
-    tooltip = f"deformrf render makes a film of it ({label_of('save_session')})"
-    button("Save session", app, "save_session", tooltip)
+    button("Save session", app, "save_session", "deformrf render makes a film of it")
     for line, undone in shown_steps(journal):
         (imgui.text_disabled if undone else imgui.text)(line)
 

@@ -9,7 +9,7 @@ from imgui_bundle import imgui
 
 from ..camera import Covered
 from ..files import readable
-from ..input import INPUTS
+from ..input import inputs_of
 from ..loading import STAGES
 from ..questions import question
 from .boxes import box_overlay, brush_overlay
@@ -17,6 +17,7 @@ from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
 from .film import film_window, progress_window
+from .gizmo import gizmo_overlay
 from .hand import hand_switch
 from .history import history_panel
 from .leaving import leaving_window
@@ -43,7 +44,7 @@ FLOATING = (
 
 
 def hints_panel(app):
-    for entry in INPUTS[:HINT_COUNT]:
+    for entry in inputs_of(app.scene.settings.keys)[:HINT_COUNT]:
         imgui.text_disabled(f"{entry.label}: {entry.help}")
 
 
@@ -71,7 +72,7 @@ QUESTIONS = {
 
 def draw_panels(app) -> None:
     """Everything that lies over the view."""
-    for overlay in (box_overlay, gesture_overlay, brush_overlay):
+    for overlay in (box_overlay, gizmo_overlay, gesture_overlay, brush_overlay):
         overlay(app)
     above = (STRIP_HEIGHT + MARGIN) * app.scene.settings.show_timeline
     if app.scene.settings.show_panel:
@@ -219,7 +220,7 @@ def help_overlay(app):
     """
     size, style = imgui.get_io().display_size, imgui.get_style()
     imgui.push_font(None, HELP_FONT * style.font_size_base)
-    entries = list(filter(attrgetter("label"), INPUTS))
+    entries = list(filter(attrgetter("label"), inputs_of(app.scene.settings.keys)))
     row_height = imgui.get_text_line_height() + 2.0 * style.cell_padding.y
     fitting = max(int((size.y - 4.0 * MARGIN) / row_height), 1)
     columns = -(-len(entries) // fitting)

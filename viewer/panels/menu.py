@@ -5,9 +5,12 @@ from pathlib import Path
 from imgui_bundle import imgui
 
 from ..files import readable
-from ..input import ACTIONS, INPUTS
+from ..input import ACTIONS, inputs_of
+from ..settings import KEYS
 from .hand import hand_switch, switch_width
+from .keys import keys_offer, offer_width, offers_keys
 
+BETWEEN = 24.0  # points from the choice of keys to the switch
 FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
 
 
@@ -28,14 +31,14 @@ def menu_tree(inputs) -> dict:
     return tree | {LAST: tree.pop(LAST, {})}
 
 
-TREE = menu_tree(INPUTS)
+TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 
 
 def menu_bar(app) -> float:
     """Draw it along the window's upper edge; returns its height [points]."""
     if not imgui.begin_main_menu_bar():
         return 0.0
-    app.gui.guarded(_items, app, TREE)
+    app.gui.guarded(_items, app, TREES[app.scene.settings.keys])
     app.gui.guarded(_switch, app)
     app.gui.claim()
     height = imgui.get_window_height()
@@ -44,8 +47,16 @@ def menu_bar(app) -> float:
 
 
 def _switch(app):
-    """Physics | Pose at the bar's right end, if there is space beside the menus."""
+    """Physics | Pose at the bar's right end, if there is space beside the menus.
+
+    Left of it the choice of keys, as long as it is offered.
+    """
     right = imgui.get_window_width() - switch_width() - imgui.get_style().window_padding.x
+    left = right - offer_width() - BETWEEN
+    if offers_keys(app) and left > imgui.get_cursor_pos_x():
+        imgui.set_cursor_pos_x(left)
+        keys_offer(app)
+        imgui.same_line()
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
     hand_switch(app)
 

@@ -5,9 +5,9 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ...wings.rig import METHODS
-from ..input import bone_line, label_of, name_bone, rest_bone
+from ..input import bone_line, name_bone, rest_bone
 from ..rigging import SPEEDS
-from .widgets import button, checkbox, combo, setting, slider
+from .widgets import button, checkbox, combo, setting, slider, with_key
 
 SOFTNESS = """0: bones move all of the object;
 more: only what is near the bones, and the solver moves the rest"""
@@ -34,12 +34,12 @@ def rig_panel(app):
 def _tools(app):
     settings = app.scene.settings
     joints = "Stop placing" if settings.tool == "joints" else "Place joints"
-    button(joints, app, "joints", f"in the middle of what one clicks on ({label_of('joints')})")
+    button(joints, app, "joints", "in the middle of what one clicks on")
     imgui.same_line()
     bones = "Stop posing" if settings.tool == "bones" else "Pose bones"
-    button(bones, app, "bones", f"drag bones, or their tips ({label_of('bones')})")
+    button(bones, app, "bones", "drag bones, or their tips")
     imgui.same_line()
-    setting("shown", settings, "show_bones", label_of("toggle_bones"))
+    setting("shown", settings, "show_bones", with_key(app, "toggle_bones"))
 
 
 def _bone(app):
@@ -51,12 +51,12 @@ def _bone(app):
         if imgui.button("Bone at rest"):
             rest_bone(app)
         imgui.same_line()
-    button("All at rest", app, "rest_bones", label_of("rest_bones"))
+    button("All at rest", app, "rest_bones")
     if bone is not None and app.scene.settings.tool == "joints":
         imgui.same_line()
         if imgui.button("Delete joint"):
             app.controls.bones.delete()
-        imgui.set_item_tooltip(label_of("delete_key"))
+        imgui.set_item_tooltip(with_key(app, "delete_key"))
 
 
 def _choose(posing, name):
@@ -73,7 +73,7 @@ def _clips(app):
         return
     names = [one.name for one in app.scene.rigging.clips]
     combo("clip", clip.name, names, partial(_choose, posing), FADES)
-    button("Stop" if posing.playing else "Play", app, "play_clip", label_of("play_clip"))
+    button("Stop" if posing.playing else "Play", app, "play_clip")
     imgui.same_line()
     checkbox("loop##clip", posing.loop, posing.loop_clip)
     imgui.same_line()
@@ -89,5 +89,5 @@ def _clips(app):
 def _save(app):
     _, app.strip.clip_name = imgui.input_text_with_hint("##clip", "a name", app.strip.clip_name)
     imgui.same_line()
-    button("Save clip", app, "save_clip", f"{SAVE_CLIP} ({label_of('save_clip')})")
-    button("Save copy", app, "save_model", f"{SAVE_COPY} ({label_of('save_model')})")
+    button("Save clip", app, "save_clip", SAVE_CLIP)
+    button("Save copy", app, "save_model", SAVE_COPY)

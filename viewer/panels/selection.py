@@ -13,6 +13,8 @@ AXES = (0.85, 0.15, 0.1, 0.9), (0.15, 0.6, 0.1, 0.9), (0.1, 0.3, 0.9, 0.9)
 REACH, REACH_EDGE = (0.95, 0.10, 0.08, 0.10), (0.95, 0.10, 0.08, 0.35)
 LEAST_REACH = 6.0  # points, of its radius
 AXIS_LENGTH = 2.0  # object sizes, to both sides
+TEXT, SHADE = (0.1, 0.1, 0.12, 1.0), (1.0, 1.0, 1.0, 0.9)
+BESIDE = np.array([16.0, 14.0])  # points from the mouse to the text
 
 
 def gesture_overlay(app) -> None:
@@ -27,8 +29,8 @@ def gesture_overlay(app) -> None:
         points = [tuple(pixel / controls.ratio) for pixel in controls.region]
         for start, end in zip(points, [*points[1:], points[0]], strict=True):
             lines.add_line(start, end, LINE(OUTLINE), 1.5)
-    elif controls.mode == "grab" and controls.dragging.axis is not None:
-        _axis_line(app, lines)
+    elif controls.held_drag is not None:
+        _drag(app, lines)
     elif not controls.mode and controls.spot is not None and not app.gui.mouse_on_panel:
         _reach(app, lines)
 
@@ -45,13 +47,22 @@ def _reach(app, lines):
         lines.add_circle(tuple(center), radius, LINE(REACH_EDGE), 0, 1.5)
 
 
-def _axis_line(app, lines):
-    controls, scene = app.controls, app.scene
-    if scene.handles.grabbed is None:
-        return
-    motion, axis = scene.handles.grabbed.target, controls.dragging.axis
-    along = AXIS_LENGTH * scene.size * np.eye(3)[axis]
-    places = motion.place + np.linspace(-1.0, 1.0, 33)[:, None] * along
+def _drag(app, lines):
+    """The axes that a drag is held to, and beside the mouse how far it has come."""
+    controls, drag = app.controls, app.controls.held_drag
+    for axis in range(3) if drag.held.axis is not None else ():
+        if drag.held.across != (axis == drag.held.axis):
+            _axis_line(app, lines, axis)
+    if controls.free or drag.kind != "move" or drag.held.axis is not None or drag.held.text:
+        x, y = controls.pointer / controls.ratio + BESIDE
+        for shift, color in ((1.0, SHADE), (0.0, TEXT)):
+            lines.add_text((x + shift, y + shift), LINE(color), drag.line)
+
+
+def _axis_line(app, lines, axis):
+    controls = app.controls
+    along = AXIS_LENGTH * app.scene.size * controls.held_drag.held.axes[:, axis]
+    places = controls.drag_place + np.linspace(-1.0, 1.0, 33)[:, None] * along
     pixels, _ = project(controls.camera, places)
     points = pixels[np.isfinite(pixels).all(axis=1)] / controls.ratio
     for start, end in pairwise(points):

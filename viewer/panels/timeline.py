@@ -4,7 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..input import delete_key, label_of
+from ..input import delete_key
 from ..timeline import (
     EASINGS,
     LONGEST,
@@ -16,7 +16,7 @@ from ..timeline import (
     as_time,
     shown_ticks,
 )
-from .widgets import button, checkbox, combo, slider
+from .widgets import button, checkbox, combo, slider, with_key
 
 STRIP_HEIGHT = 144.0
 RULER, LANE = 20.0, 22.0  # heights
@@ -51,17 +51,17 @@ def timeline_strip(app):
 
 def _buttons(app):
     timeline = app.scene.timeline
-    button("Stop" if timeline.playing else "Play", app, "play", label_of("play"))
+    button("Stop" if timeline.playing else "Play", app, "play")
     imgui.same_line()
     checkbox("loop", timeline.loop, timeline.set_loop, "play again and again")
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
     imgui.same_line(0.0, GAP)
-    button("Key", app, "key", f"camera and pose at the playhead ({label_of('key')})")
+    button("Key", app, "key", "camera and pose at the playhead")
     imgui.same_line()
-    button("Camera", app, "key_camera", f"key the camera alone ({label_of('key_camera')})")
+    button("Camera", app, "key_camera", "key the camera alone")
     imgui.same_line()
-    button("Pose", app, "key_pose", f"key the pose alone ({label_of('key_pose')})")
+    button("Pose", app, "key_pose", "key the pose alone")
     imgui.same_line(0.0, GAP)
     button("Turntable", app, "turntable", "camera keys around what it looks at, in a loop")
     imgui.same_line()
@@ -147,7 +147,7 @@ def _chosen_key(app):
     chosen = strip.chosen(timeline)
     if chosen is None:
         stands = timeline.stands and not timeline.playing
-        labels = (label_of("pause"), label_of("key")) if stands else (label_of("key"),)
+        labels = [with_key(app, action) for action in ("pause", "key")[not stands :]]
         imgui.align_text_to_frame_padding()
         imgui.text_disabled((STANDS if stands else HINT).format(*labels))
         return
@@ -159,11 +159,11 @@ def _chosen_key(app):
     imgui.set_next_item_width(88.0)
     combo("easing", key.easing, EASINGS, partial(timeline.ease_key, track, tick), EASING)
     imgui.same_line()
-    button("Copy", app, "copy_key", f"to the playhead ({label_of('copy_key')})")
+    button("Copy", app, "copy_key", "to the playhead")
     imgui.same_line()
     if imgui.button("Delete"):
         delete_key(app)
-    imgui.set_item_tooltip(label_of("delete_key"))
+    imgui.set_item_tooltip(with_key(app, "delete_key"))
 
 
 # -- saved poses -------------------------------------------------------------------------------

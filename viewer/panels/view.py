@@ -7,11 +7,10 @@ from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
 from ..files import readable
-from ..input import label_of
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
 from ..settings import MESH_RANGES, SURFACES
-from .widgets import LOGARITHMIC, button, color, combo, number_setting, setting
+from .widgets import LOGARITHMIC, button, color, combo, number_setting, setting, with_key
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
@@ -22,6 +21,11 @@ CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
 SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
 SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
 another part of a pixel, and their mean is shown: edges get smooth"""
+SHOWN_ON_MESH = {
+    "toggle_surface": "the surface of the coarse mesh, over the picture",
+    "toggle_strain": "strain is the largest |principal stretch - 1|",
+    "toggle_volume": "the volume ratio is now to at rest",
+}
 SHOWN_TOOLTIP = """the picture's size relative to the window, how many of the window's pixels one of
 its pixels is wide, and frames a second;
 refined: the share of the full resolution that is rendered; steps × 2: rays take samples twice as
@@ -44,9 +48,9 @@ def model_panel(app):
 
 
 def view_panel(app):
-    _mode(app.scene)
+    _mode(app)
     _background(app.scene.settings)
-    _mesh(app.scene.settings)
+    _mesh(app)
     _resolution(app)
     button("Reset camera", app, "home")
     imgui.same_line()
@@ -55,9 +59,10 @@ def view_panel(app):
     button("Help", app, "toggle_help")
 
 
-def _mode(scene):
+def _mode(app):
+    scene = app.scene
     change = partial(setattr, scene.settings, "mode")
-    combo("show", scene.settings.mode, MODES, change, f"next one: {label_of('next_mode')}")
+    combo("show", scene.settings.mode, MODES, change, with_key(app, "next_mode", "next one"))
     line = caption(scene.settings.mode, scene.viewpoint.depth_range)
     if line:
         imgui.text_disabled(line)
@@ -74,11 +79,11 @@ def _background(settings):
     setting("ground", settings, "show_ground", "with the object's shadow, where there is a ground")
 
 
-def _mesh(settings):
+def _mesh(app):
+    settings = app.scene.settings
     change = partial(setattr, settings, "mesh_surface")
-    tooltip = f"""the surface of the coarse mesh, over the picture ({label_of("toggle_surface")});
-strain is the largest |principal stretch - 1| ({label_of("toggle_strain")}),
-the volume ratio is now to at rest ({label_of("toggle_volume")}), both as means about vertices"""
+    lines = (with_key(app, action, text) for action, text in SHOWN_ON_MESH.items())
+    tooltip = ",\n".join(lines) + ", as means about vertices"
     combo("mesh", settings.mesh_surface, SURFACES, change, tooltip)
     if settings.mesh_surface == "hidden":
         return
@@ -132,14 +137,14 @@ def recording_line(app) -> str:
 
 def record_panel(app):
     settings, video = app.scene.settings, app.recorder.video
-    button("Screenshot", app, "screenshot", label_of("screenshot"))
+    button("Screenshot", app, "screenshot")
     imgui.same_line()
     label = "Stop recording" if app.takes.recording else "Record"
-    button(label, app, "record", f"{label_of('record')}: {RECORD_TOOLTIP}")
+    button(label, app, "record", RECORD_TOOLTIP)
     imgui.same_line()
-    button("Save film...", app, "save_film", f"{label_of('save_film')}: of the last take, or all")
+    button("Save film...", app, "save_film", "of the last take, or all")
     label = "Stop the clip" if video else "Clip of the screen"
-    button(label, app, "record_screen", f"{label_of('record_screen')}: {CLIP_TOOLTIP}")
+    button(label, app, "record_screen", CLIP_TOOLTIP)
     if recording_line(app):
         imgui.text_colored(RECORDING_RED, recording_line(app))
     if video:

@@ -8,16 +8,22 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..input import ACTIONS
+from ..input import ACTIONS, label_of
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 
 
 def button(label, app, action, tooltip="") -> None:
-    """A button that calls one of ACTIONS."""
+    """A button that calls one of ACTIONS; its tooltip names the key."""
     if imgui.button(label):
         ACTIONS[action](app)
-    _tooltip(tooltip)
+    _tooltip(with_key(app, action, tooltip))
+
+
+def with_key(app, action, text="") -> str:
+    """A text, and the key that calls an action, if one does."""
+    label = label_of(action, app.scene.settings.keys)
+    return f"{text} ({label})" if text and label else text or label
 
 
 def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:

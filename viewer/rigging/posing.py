@@ -80,6 +80,11 @@ class Posing:
             self._ends = skeleton, self.pose, np.stack([heads, tails], axis=1)
         return self._ends[2]
 
+    def axes(self, bone: int):
+        """A bone's own axes as they are now, in columns.  [3, 3]"""
+        turn = self._matrices(self.current)[0][bone, :3, :3]
+        return turn / np.maximum(np.linalg.norm(turn, axis=0), 1e-12)
+
     # -- by hand -------------------------------------------------------------------------
 
     @edit("hold_bone", undo="pose a bone", begins=True)
@@ -90,20 +95,23 @@ class Posing:
         self._show(self.current)
 
     def aim(self, pose: BonePose) -> None:
-        """Send the bones to a pose in which only rotations differ; they reach it soon."""
+        """Send the bones to a pose of other rotations and translations; they reach it soon."""
         self._aim = pose
 
     def follow(self, share: float = 1.0) -> None:
-        """Turn the bones by a share of the way to where they were sent."""
+        """Turn and move the bones by a share of the way to where they were sent."""
         if self._aim is None:
             return
+        moved = np.flatnonzero((self._aim.translations != self.current.translations).any(axis=1))
         if share < 1.0:
-            wanted = mixed(self.current, self._aim, share).rotations
+            wanted = mixed(self.current, self._aim, share)
         else:
-            wanted, self._aim = self._aim.rotations, None
-        which = np.flatnonzero((wanted != self.current.rotations).any(axis=1))
+            wanted, self._aim = self._aim, None
+        which = np.flatnonzero((wanted.rotations != self.current.rotations).any(axis=1))
         if len(which):
-            self.turn_bones(which, wanted[which])
+            self.turn_bones(which, wanted.rotations[which])
+        if len(moved):
+            self.move_bones(moved, wanted.translations[moved])
 
     @edit("turn_bones")
     def turn_bones(self, bones, rotations) -> None:
@@ -116,6 +124,18 @@ class Posing:
             turned = self.current.rotations.copy()
             turned[np.asarray(bones, int)] = np.reshape(rotations, (-1, 4))
             self._show(replace(self.current, rotations=turned))
+
+    @edit("move_bones")
+    def move_bones(self, bones, translations) -> None:
+        """Put the heads of bones [K] there, in their parents' spaces [model units].  [K, 3]"""
+        for bone in bones:
+            self._rigging.check(bone)
+        if len(bones) != len(translations):
+            raise ValueError(f"{len(bones)} bones have {len(translations)} translations")
+        if self.drives:
+            moved = self.current.translations.copy()
+            moved[np.asarray(bones, int)] = np.reshape(translations, (-1, 3))
+            self._show(replace(self.current, translations=moved))
 
     @edit("rest_bones", undo="bones at rest")
     def rest_bones(self, bones) -> None:

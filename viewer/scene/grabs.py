@@ -21,27 +21,38 @@ LEAST_PULL = 1e-3  # of the strongest spring; weaker ones are left out
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How far something that is held has gone: to a place, turned and scaled about a center."""
+    """How far something that is held has gone: to a place, turned and scaled about a center.
+
+    It is stretched first, then turned.
+    """
 
     place: np.ndarray  # of the handle under the mouse, if nothing turns  [3]
     center: np.ndarray  # about which it turns, as an offset from the place  [3]
     rotation: np.ndarray = field(default_factory=lambda: np.zeros(3))  # axis times angle
     scale: float = 1.0
+    stretch: np.ndarray | None = None  # symmetric, positive definite; None: none  [3, 3]
 
     def __eq__(self, other):
         same = (self.place == other.place).all() and (self.rotation == other.rotation).all()
-        return bool(same) and self.scale == other.scale
+        stretches = np.array_equal(self._stretch, other._stretch)
+        return bool(same) and self.scale == other.scale and stretches
+
+    @property
+    def _stretch(self):
+        return np.eye(3) if self.stretch is None else self.stretch
 
     @property
     def plain(self) -> bool:
         """Whether nothing is turned or scaled."""
-        return not self.rotation.any() and self.scale == 1.0
+        return not self.rotation.any() and self.scale == 1.0 and self.stretch is None
 
     def moved(self, place) -> "Motion":
         return replace(self, place=np.asarray(place, float))
 
-    def turned(self, rotation, scale: float) -> "Motion":
-        return replace(self, rotation=np.asarray(rotation, float), scale=float(scale))
+    def turned(self, rotation, scale: float, stretch=None) -> "Motion":
+        stretch = None if stretch is None else np.asarray(stretch, float)
+        rotation = np.asarray(rotation, float)
+        return replace(self, rotation=rotation, scale=float(scale), stretch=stretch)
 
     def towards(self, other: "Motion", share: float) -> "Motion":
         """A share of the way to another one; it turns the shorter way."""
@@ -50,18 +61,20 @@ class Motion:
         place = self.place + share * (other.place - self.place)
         turn, now = rotation_matrix(other.rotation), rotation_matrix(self.rotation)
         rotation = rotation_vector(rotation_matrix(share * rotation_vector(turn @ now.T)) @ now)
-        return replace(
-            self,
-            place=place,
-            rotation=rotation,
-            scale=self.scale + share * (other.scale - self.scale),
-        )
+        stretch = None
+        if self.stretch is not None or other.stretch is not None:
+            stretch = self._stretch + share * (other._stretch - self._stretch)
+        scale = self.scale + share * (other.scale - self.scale)
+        return replace(self, place=place).turned(rotation, scale, stretch)
 
     def applied(self, offsets):
         """Where what is held goes to.  offsets [K, 3]: from the place, unturned; -> [K, 3]"""
         if self.plain:
             return self.place + offsets
-        turned = self.scale * (offsets - self.center) @ rotation_matrix(self.rotation).T
+        away = offsets - self.center
+        if self.stretch is not None:
+            away = away @ self.stretch
+        turned = self.scale * away @ rotation_matrix(self.rotation).T
         return self.place + self.center + turned
 
     def undone(self, positions):
@@ -69,7 +82,21 @@ class Motion:
         if self.plain:
             return positions - self.place
         away = (positions - self.place - self.center) @ rotation_matrix(self.rotation)
+        if self.stretch is not None:
+            away = np.linalg.solve(self.stretch, away.T).T
         return self.center + away / self.scale
+
+
+def stretched(motion: Motion, way, bounds):
+    """Rotation [3] and stretch [3, 3] of a motion that is stretched further (polar decomposition).
+
+    Args:
+        way: The further stretch, in model space, symmetric.  [3, 3]
+        bounds: Of the principal stretches.
+    """
+    left, sizes, right = np.linalg.svd(way @ rotation_matrix(motion.rotation) @ motion._stretch)
+    stretch = right.T @ (np.clip(sizes, *bounds)[:, None] * right)
+    return rotation_vector(left @ right), 0.5 * (stretch + stretch.T)
 
 
 def rotation_matrix(rotation):
@@ -115,7 +142,8 @@ class Grab:
     radius: float = 0.0  # around the handles [model units]
     first_radius: float = 0.0  # when it began
     passing: bool = False  # its handle is a point that is gone when it is let go
-    held_before: tuple | None = None  # pins and patches, if it took a posed handle
+    held_before: tuple | None = None  # pins and patches, if it took posed handles or pins
+    pins: list[int] = field(default_factory=list)  # of its handles, that are to be pinned again
 
 
 @dataclass

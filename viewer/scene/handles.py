@@ -179,6 +179,13 @@ class Handles:
         free = set(self.control_ids.tolist())
         return [one for one in self.selected if one in free]
 
+    @property
+    def takeable(self) -> list[int]:
+        """What is selected and can be taken by `grab_selected`: pins, too."""
+        free, hidden = set(self.control_ids.tolist()), set(self.hidden)
+        pins = {one for one in self.selected if self.is_pinned(one) and one not in hidden}
+        return [one for one in self.selected if one in free | pins]
+
     # -- a drag --------------------------------------------------------------------------
 
     def grab(self, handle: int) -> None:
@@ -189,6 +196,20 @@ class Handles:
             self._grab_several(handle, others, radius, soft)
         else:
             self._grab(handle, radius, soft)
+
+    def grab_selected(self) -> None:
+        """Take hold of all that is selected; pins are freed, and pinned again when let go."""
+        chosen = self.takeable
+        if len(chosen) == len(self.movable):
+            self.grab(chosen[0])
+            return
+        self._grab_pins(
+            chosen[0], chosen[1:], self._scene.grab_radius, self._scene.settings.soft_grab
+        )
+
+    @edit("grab_pins", undo="drag", begins=True)
+    def _grab_pins(self, vertex, others, radius, soft):
+        self._hold([vertex, *others], radius, soft, takes_pins=True)
 
     @edit("grab", undo="drag", begins=True)
     def _grab(self, vertex, radius, soft):
@@ -209,7 +230,7 @@ class Handles:
     def _grab_several(self, vertex, others, radius, soft):
         self._hold([vertex, *others], radius, soft)
 
-    def _hold(self, handles, radius, soft):
+    def _hold(self, handles, radius, soft, takes_pins=False):
         if not all(map(self.exists, handles)):
             raise ValueError(f"there is no handle {max(handles)}")
         stood = self._scene.timeline.stands
@@ -218,9 +239,11 @@ class Handles:
         positions = solver.vertices.numpy().copy()
         before = positions, solver.velocities.numpy().copy()
         held_before = None
-        if posed := set(handles) & set(self.posed):
+        posed = set(handles) & set(self.posed)
+        pins = {one for one in handles if takes_pins and self.is_pinned(one)} - posed
+        if posed | pins:
             held_before = solver.pinned.copy(), self.patches.copy()
-            self._free(posed)
+            self._free(posed | pins)
         (start,) = self.at(handles[:1], positions)
         yields = math.isfinite(self._scene.body.material.yield_strain)
         lengths = solver.rest_lengths if yields else None
@@ -228,6 +251,7 @@ class Handles:
         motion = Motion(start, center - start)
         self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths, stood)
         self.grabbed.first_radius, self.grabbed.held_before = radius, held_before
+        self.grabbed.pins = sorted(pins)
         self._attach(radius, positions)
 
     def _attach(self, radius, positions):
@@ -261,13 +285,14 @@ class Handles:
         """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
         self.grabbed.target = self.grabbed.target.moved(target)
 
-    def turn_to(self, rotation, scale: float) -> None:
+    def turn_to(self, rotation, scale: float, stretch=None) -> None:
         """Turn and scale what is held about its center.
 
         Args:
             rotation: Axis times angle [radians], from how it was grabbed.  [3]
+            stretch: Before it is turned, symmetric and positive definite.  [3, 3]
         """
-        self.grabbed.target = self.grabbed.target.turned(rotation, scale)
+        self.grabbed.target = self.grabbed.target.turned(rotation, scale, stretch)
 
     @property
     def behind(self) -> bool:
@@ -280,8 +305,10 @@ class Handles:
             motion = self.grabbed.reached.towards(self.grabbed.target, share)
             if motion.plain and self.grabbed.reached.plain:
                 self._move(motion.place)
-            else:
+            elif motion.stretch is None:
                 self._transform(motion.place, motion.rotation, motion.scale)
+            else:
+                self._stretch(motion.place, motion.rotation, motion.scale, motion.stretch)
 
     @edit("move")
     def _move(self, to):
@@ -292,6 +319,11 @@ class Handles:
     def _transform(self, to, rotation, scale):
         if self.grabbed is not None:
             self._reach(self.grabbed.reached.moved(to).turned(rotation, scale))
+
+    @edit("stretch")
+    def _stretch(self, to, rotation, scale, stretch):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale, stretch))
 
     def _reach(self, motion):
         self.grabbed.reached = motion
@@ -314,9 +346,11 @@ class Handles:
         return grab
 
     def let_go(self) -> None:
-        """Let go of what is held; in *Pose* it stays where it is."""
+        """Let go of what is held; in *Pose* it stays where it is, and what was pinned always."""
         if self._scene.settings.hand == "pose":
             self._pose_grab(self._pin_radius)
+        elif self.grabbed is not None and self.grabbed.pins:
+            self._pin_again(self._pin_radius)
         else:
             self.release()
 
@@ -326,7 +360,13 @@ class Handles:
         if grab is not None:
             for handle in grab.handles:
                 self._set_pin(handle, True, radius)
-            self._posed = (*self._posed, *grab.handles)
+            self._posed = (*self._posed, *(one for one in grab.handles if one not in grab.pins))
+
+    @edit("pin_again")
+    def _pin_again(self, radius):
+        grab = self._keep()
+        for handle in [] if grab is None else grab.pins:
+            self._set_pin(handle, True, radius)
 
     @edit("choose_hand", undo="{hand}")
     def choose_hand(self, hand: str) -> None:

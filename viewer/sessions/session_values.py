@@ -9,6 +9,8 @@ import re
 from dataclasses import fields
 from functools import cache
 
+import numpy as np
+
 from ...core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from ...core.base.schema import (
     Check,
@@ -53,6 +55,11 @@ def _is_unit(values) -> bool:
     return abs(math.hypot(*values) - 1.0) < 1e-6
 
 
+def _is_stretch(rows) -> bool:
+    matrix = np.array(rows, float)
+    return abs(matrix - matrix.T).max() < 1e-6 and np.linalg.eigvalsh(matrix)[0] >= 1e-3
+
+
 def _is_partition(weights) -> bool:
     return abs(sum(weights) - 1.0) < 1e-6
 
@@ -74,6 +81,7 @@ ARGUMENTS = {
     "radius": number(0.0, 10.0),
     **dict.fromkeys(("to", "rotation", "point", "towards_eye", "head", "tail"), point),
     "scale": number(1e-3, 1e3),
+    "stretch": both(vector(3, vector(3, number(-1e3, 1e3))), _is_stretch),
     "weights": both(vector(4, share), _is_partition),
     "text": both(text(LONGEST_NAME), str.isprintable),
     "tets": listing(integer(0, MOST_TETS - 1)),  # the edit knows how many there are
@@ -124,6 +132,7 @@ ARGUMENTS = {
     "bones": listing(integer(0, MOST_BONES - 1)),
     "end": one_of(ENDS),
     "rotations": listing(both(vector(4, number(-1.0, 1.0)), _is_unit)),
+    "translations": listing(point),
     "clip": both(text(LONGEST_CLIP_NAME, least=1), str.isprintable),
     "seconds": number(0.0, LONGEST_CLIP),
     "softness": share,

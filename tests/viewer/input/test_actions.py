@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP
+from deformrf.viewer.input import action_of
 from deformrf.viewer.input import actions as a
 from deformrf.viewer.input import controls as c
 from deformrf.viewer.scene import Scene
@@ -95,7 +96,7 @@ def test_a_drag_while_paused_says_why_nothing_moves(controls, scene, mode, told)
 
 
 def test_n_switches_between_physics_and_pose(app_like, scene):
-    assert a.action_of("N", False) == "pose" and not a.ACTIONS["pose"].is_on(app_like)
+    assert action_of("N") == "pose" and not a.ACTIONS["pose"].is_on(app_like)
     a.ACTIONS["pose"](app_like)
     assert scene.settings.hand == "pose" and a.ACTIONS["pose"].is_on(app_like)
     a.ACTIONS["undo"](app_like)

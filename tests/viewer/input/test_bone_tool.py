@@ -5,7 +5,7 @@ import pytest
 
 from deformrf.core.render import Renderer
 from deformrf.viewer.camera import picking
-from deformrf.viewer.input.drags import TURN
+from deformrf.viewer.input.constraints import TURN
 from deformrf.viewer.scene import Scene
 
 

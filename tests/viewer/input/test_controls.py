@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from deformrf.core.base.paths import ROOT
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.camera import picking
 from deformrf.viewer.events import displacements
-from deformrf.viewer.input import actions as a
 from deformrf.viewer.input import controls as c
 from deformrf.viewer.scene import Scene
 
@@ -253,44 +251,6 @@ def test_a_drag_goes_on_without_a_vertex_that_was_let_go_by_something_else(
     controls.release("left") if ending == "release" else controls.cancel()
     assert (controls.mode, scene.handles.grabbed) == ("", None)
     assert [name for name, _ in events] == ["grab"]
-
-
-def test_every_action_is_in_the_table_and_has_a_key_or_a_place_in_a_menu():
-    assert {entry.action for entry in a.INPUTS if entry.action} == set(a.ACTIONS)
-    assert all(entry.key or entry.menu for entry in a.INPUTS if entry.action)
-    keys = [entry.key for entry in a.INPUTS if entry.key]
-    assert len(keys) == len(set(keys))
-
-
-@pytest.mark.gl
-def test_keys_and_buttons_are_pyglets(window):
-    from pyglet.window import key, mouse
-
-    assert (c.LEFT, c.MIDDLE, c.RIGHT) == (mouse.LEFT, mouse.MIDDLE, mouse.RIGHT)
-    assert c.SHIFT == key.MOD_SHIFT
-
-    for entry in a.INPUTS:
-        name = entry.key.removeprefix("CTRL+").removeprefix("SHIFT+")
-        assert not entry.key or hasattr(key, name), entry
-
-
-def test_ctrl_tells_two_keys_apart():
-    assert a.action_of("Q", ctrl=True) == "quit"
-    assert a.action_of("Q", ctrl=False) is None
-    assert a.action_of("R", ctrl=True) is None
-    assert a.action_of("Z", ctrl=True) == "undo"
-    assert a.action_of("Z", ctrl=True, shift=True) == "redo"
-    assert a.action_of("F", ctrl=False, shift=True) == "focus"
-
-
-def test_the_page_of_keys_says_what_the_inputs_are():
-    page = (ROOT / "docs/keys.md").read_text(encoding="utf-8")
-    rows = [line for line in page.splitlines() if line.startswith("|")]
-    assert rows[2:] == [f"| {entry.label} | {entry.help} |" for entry in a.INPUTS if entry.label]
-
-
-def test_escape_does_not_quit():
-    assert a.action_of("ESCAPE", ctrl=False) == "cancel"
 
 
 def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):

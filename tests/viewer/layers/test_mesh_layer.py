@@ -177,15 +177,16 @@ def test_a_scale_says_what_its_ends_are(surface):
 
 def test_each_key_of_a_view_mode_shows_it():
     from deformrf.core.render import MODES
-    from deformrf.viewer.input import actions as a
+    from deformrf.viewer.input import ACTIONS, action_of
+    from deformrf.viewer.input.inputs import CTRL
 
     app = SimpleNamespace(scene=SimpleNamespace(settings=Settings()))
     for number, mode in enumerate(MODES, start=1):
-        a.ACTIONS[a.action_of(f"_{number}", ctrl=True)](app)
+        ACTIONS[action_of(f"_{number}", CTRL)](app)
         assert app.scene.settings.mode == mode
     for key, surface in (("_9", "strain"), ("_0", "volume ratio"), ("W", "plain")):
         for wanted in (surface, "hidden"):  # again, and it is hidden
-            a.ACTIONS[a.action_of(key, ctrl=True)](app)
+            ACTIONS[action_of(key, CTRL)](app)
             assert app.scene.settings.mesh_surface == wanted
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from deformrf.core.deform import HELD_SHARE, PRESETS, Material
+from deformrf.viewer.settings import Settings
 from deformrf.viewer.times import FrameTimes
 
 pytestmark = pytest.mark.gl
@@ -35,9 +36,7 @@ class Panel:
                 set_meters=self.called("meters"),
                 set_air_drag=self.called("air drag"),
             ),
-            settings=SimpleNamespace(
-                grab_radius=0.1, soft_grab=False, tool="grab", grab_anywhere=True
-            ),
+            settings=Settings(grab_radius=0.1, gizmo="off"),
             solver=SimpleNamespace(
                 options=SimpleNamespace(substep_count=20, contact=True),
                 rescue=SimpleNamespace(running=False, given_up=False, held_by=None),
@@ -71,7 +70,7 @@ class Panel:
         self.scene.body.material = Material(**values)
 
     def combo(self, label, current, names):
-        if label == "tool":
+        if label in ("tool", "gizmo"):
             return False, current
         assert label == "material"
         self.shown = names[current]

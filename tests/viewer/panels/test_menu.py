@@ -2,9 +2,10 @@
 
 import pytest
 
-from deformrf.viewer.input import INPUTS
-from deformrf.viewer.input.actions import Input
+from deformrf.viewer.input import INPUTS, inputs_of
+from deformrf.viewer.input.inputs import Input
 from deformrf.viewer.panels import menu as m
+from deformrf.viewer.settings import KEYS
 
 
 def test_menus_are_the_tables():
@@ -114,7 +115,8 @@ def test_escape_closes_an_open_menu_and_then_the_help(app):
 
 
 @pytest.mark.gl
-def test_the_help_names_every_key_within_the_windows_height(app, monkeypatch):
+@pytest.mark.parametrize("keys", KEYS)
+def test_the_help_names_every_key_within_the_windows_height(app, monkeypatch, keys):
     from imgui_bundle import imgui
 
     heights = {}
@@ -124,8 +126,8 @@ def test_the_help_names_every_key_within_the_windows_height(app, monkeypatch):
         draw(text)
 
     monkeypatch.setattr(imgui, "text", noted)
-    app.scene.settings.show_help = True
+    app.scene.settings.show_help, app.scene.settings.keys = True, keys
     frames(app, 3)
-    labels = {entry.label for entry in INPUTS if entry.label}
+    labels = {entry.label for entry in inputs_of(keys) if entry.label}
     assert labels <= set(heights)
     assert max(heights[label] for label in labels) <= app.window.height

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.viewer.scene import ControlPoints, rotation_matrix
-from deformrf.viewer.scene.grabs import Motion
+from deformrf.viewer.scene import ControlPoints, Motion, rotation_matrix
 from deformrf.viewer.scene.points import SPACING, located, of_large_clusters, placed, spread
 
 

@@ -206,3 +206,35 @@ def test_random_poses_play_again_to_the_bit_and_undo_to_the_beginning(ball, tmp_
         scene.undo()
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before, f"seed {seed}")
     assert not scene.handles.posed, f"seed {seed}"
+
+
+@pytest.mark.parametrize("hand", ["physics", "pose"])
+def test_pins_that_are_selected_are_moved_and_pinned_again(scene, ball, tmp_path, hand):
+    """Beside one that is free, which is let go as the switch says."""
+    begin = start_of(scene)
+    scene.handles.choose_hand(hand)
+    scene.settings.grab_radius = 0.05
+    ids = scene.handles.control_ids
+    pin, free = (int(ids[scene.handles.at(ids)[:, 0].argmin()]), topmost(scene))
+    scene.handles.set_pin(pin, True)
+    scene.handles.select([pin, free])
+    assert scene.handles.movable == [free] and scene.handles.takeable == [pin, free]
+    before, pinned = scene.handles.at([pin, free]), scene.solver.pinned.copy()
+    scene.handles.grab_selected()
+    scene.handles.cancel()
+    np.testing.assert_array_equal(scene.solver.pinned, pinned)
+    scene.handles.grab_selected()
+    scene.handles.drag_to(before[0] + WAY)
+    wait(scene, 30)
+    np.testing.assert_allclose(scene.handles.at([pin, free]), before + WAY, atol=1e-5)
+    scene.handles.let_go()
+    assert scene.handles.is_pinned(pin) and pin not in scene.handles.posed
+    assert (free in scene.handles.posed) == (hand == "pose") == scene.handles.is_pinned(free)
+    wait(scene, 60)
+    np.testing.assert_allclose(place(scene, pin), before[0] + WAY, atol=1e-5)
+    session = load_session(save_session(scene, begin, tmp_path / "s.jsonl"), ball)
+    other = Scene(ball, "ball", "cpu")
+    Player(other, session).play_to(session.ticks)
+    np.testing.assert_array_equal(other.solver.vertices.numpy(), scene.solver.vertices.numpy())
+    scene.undo()
+    np.testing.assert_array_equal(scene.solver.pinned, pinned)

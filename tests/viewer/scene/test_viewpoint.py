@@ -18,6 +18,7 @@ from deformrf.viewer.input import (
     set_up,
     up_name,
 )
+from deformrf.viewer.input.inputs import SHIFT
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
 
@@ -112,12 +113,12 @@ def test_up_can_be_that_of_the_picture(scene):
 
 def test_the_axis_views_are_on_both_number_rows_and_their_backs_on_shift():
     for key in ("_1", "NUM_1", "NUM_END"):
-        assert action_of(key, False) == "front"
-        assert action_of(key, False, shift=True) == "back"
-    assert action_of("POUND", False, shift=True) == "left"  # what X11 calls Shift+3
-    assert action_of("NUM_5", False) == "toggle_parallel"
-    assert action_of("NUM_PAGE_DOWN", False, shift=True) == "left"
-    assert action_of("R", False, shift=True) == "reset"  # Shift alone changes no other key
+        assert action_of(key) == "front"
+        assert action_of(key, SHIFT) == "back"
+    assert action_of("POUND", SHIFT) == "left"  # what X11 calls Shift+3
+    assert action_of("NUM_5") == "toggle_parallel"
+    assert action_of("NUM_PAGE_DOWN", SHIFT) == "left"
+    assert action_of("R", SHIFT) == "reset"  # Shift alone changes no other key
 
 
 def test_depths_of_parallel_rays_are_those_of_the_object(scene):

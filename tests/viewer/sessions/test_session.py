@@ -39,12 +39,16 @@ class RandomHand:
             self.scene.settings.grab_radius = float(self.random.uniform(0.0, 0.4))
             self.scene.settings.soft_grab = bool(self.random.integers(2))
             free = handles.control_ids
-            if len(free):
+            if handles.takeable and self.random.integers(2):
+                handles.grab_selected()
+            elif len(free):
                 handles.grab(int(self.random.choice(free)))
         elif self.random.integers(3):
             handles.drag_to(handles.grabbed.target.place + self.random.normal(scale=0.05, size=3))
         elif self.random.integers(2):
-            handles.turn_to(self.random.normal(scale=0.5, size=3), self.random.uniform(0.7, 1.4))
+            stretch = np.diag(self.random.uniform(0.7, 1.4, 3)) if self.random.integers(2) else None
+            rotation = self.random.normal(scale=0.5, size=3)
+            handles.turn_to(rotation, self.random.uniform(0.7, 1.4), stretch)
         else:
             handles.widen(self.random.uniform(0.7, 1.4))
 
@@ -68,6 +72,9 @@ class RandomHand:
             self.scene.push_to(self.scene.ball.target + self.random.normal(scale=0.05, size=3))
         elif len(shown):  # not all are hidden
             self.scene.push(self.scene.handles.at(shown[:1])[0], [0.0, -1.0, 0.0])
+
+    def let_go(self):
+        self.scene.handles.let_go()
 
     def cancel(self):
         if self.scene.handles.grabbed is not None:
@@ -94,6 +101,7 @@ class RandomHand:
             scene.handles.unhide,
             lambda: scene.handles.add_point(random.uniform(0.3, 0.7, 3)),
             self.pin,
+            self.let_go,
             self.cancel,
             self.paint,
             scene.handles.release,
