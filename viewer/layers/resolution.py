@@ -26,6 +26,7 @@ TOO_SLOW, LATE = 1.25, 1.05  # of the target: what leads to less at once, and if
 FITS = 0.9  # of the target: what more may be expected to take
 IN_A_ROW = 3  # frames that are late, or have time to spare
 RENEWAL = 0.25  # of a mean, by one frame
+FORGETTING = 0.9993  # of a rung's time, by each frame: a fifth in 300
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (6, 4), (6, 6), (8, 8))  # of rays, on a CPU
 STRIP_SECONDS = 0.045  # rendering a strip
@@ -98,6 +99,7 @@ class MovingResolution:
         The second one in a row that is too slow leads down, by as many rungs as are needed; three
         late ones in a row lead down by one, and three with time to spare lead up by one.
         """
+        self._seen = {step: FORGETTING * taken for step, taken in self._seen.items()}
         before = self._seen.get(self.step, seconds)
         self._seen[self.step] = before + RENEWAL * (seconds - before)
         slow = seconds > TOO_SLOW * self.target_seconds
@@ -118,16 +120,11 @@ class MovingResolution:
     def _expected(self, seconds):
         """Seconds of a frame of the rung above: in proportion to its cost, or less.
 
-        A part of a frame's time is the same for all rungs; the times of the rungs beside tell.
+        A part of a frame's time is the same for all rungs.  What the rung above took when it was
+        tried tells, less and less; one that was never tried is worth a trial.
         """
-        cost, more = self.rung.cost, self.ladder[self.step - 1].cost - self.rung.cost
-        most = seconds * (1.0 + more / cost)
-        below = self._seen.get(self.step + 1)
-        if below is None:
-            return most
-        slope = (seconds - below) / (cost - self.ladder[self.step + 1].cost)
-        least = max(seconds + more * slope, self._seen.get(self.step - 1, 0.0))
-        return min(max(least, seconds), most)
+        most = seconds * self.ladder[self.step - 1].cost / self.rung.cost
+        return min(max(self._seen.get(self.step - 1, 0.0), seconds), most)
 
     def _go(self, rungs: int) -> None:
         self.step += rungs
