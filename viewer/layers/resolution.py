@@ -28,7 +28,8 @@ IN_A_ROW = 3  # frames that are late, or have time to spare
 RENEWAL = 0.25  # of a mean, by one frame
 FORGETTING = 0.9993  # of a rung's time, by each frame: a fifth in 300
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
-STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (6, 4), (6, 6), (8, 8))  # of rays, on a CPU
+HALF = 2, 1  # a ray for every second pixel, on a CPU; then there are fewer
+STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (6, 4), (6, 6), (8, 8))
 STRIP_SECONDS = 0.045  # rendering a strip
 SMALLEST_STRIP = 4  # rows
 SAMPLE_COUNT = 16  # images whose mean is shown in the end
@@ -67,6 +68,7 @@ def _strided(stride, step_factor=1.0, spared_levels=0, share=1.0):
 LADDER = tuple(Rung(factor, cost=factor * factor) for factor in FACTORS)
 CPU_LADDER = (
     Rung(1.0),
+    _strided(HALF),
     _strided(STRIDES[0]),
     *(_strided(STRIDES[0], *saving) for saving in CHEAPER),
     *(_strided(stride, *CHEAPER[-1]) for stride in STRIDES[1:]),

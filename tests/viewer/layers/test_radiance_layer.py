@@ -114,13 +114,13 @@ def test_the_image_is_coarse_while_things_move_and_full_at_rest(stage):
 def test_what_moves_on_a_cpu_is_upsampled_and_sharper(stage):
     """The same number of rays, scaled up alone, shows less."""
     scene, rest_pose = stage.scene, stage.scene.positions
-    stage.layer._moving.step = 1
+    stage.layer._moving.step = 2
     stage.frame(whole=True)
     for k in range(6):
         scene.solver.set_state(rest_pose + np.float32(0.0005 * k))
         scene.revision += 1
         shown = stage.frame()
-        stage.layer._moving.step = 1
+        stage.layer._moving.step = 2
     assert stage.layer.factor == 0.5 and stage.layer.depth_image().shape == (120, 160)
     full = stage.reference().color_array()[..., :3]
     scene.settings.fixed_resolution = 0.5
@@ -129,7 +129,7 @@ def test_what_moves_on_a_cpu_is_upsampled_and_sharper(stage):
 
 
 def test_a_hand_that_holds_still_for_a_moment_gets_all_pixels(stage):
-    stage.layer._moving.step = 1
+    stage.layer._moving.step = 2
     for _ in range(4):
         shown = stage.frame(passing=0.2 * REST_SECONDS)
     full = stage.reference().color_array()[..., :3]
@@ -141,7 +141,7 @@ def test_a_hand_that_holds_still_for_a_moment_gets_all_pixels(stage):
 
 @pytest.mark.parametrize("change", ["background", "mode", "size"])
 def test_nothing_of_another_picture_comes_through(stage, window, change):
-    stage.layer._moving.step = 1
+    stage.layer._moving.step = 2
     stage.frame()
     scene, size = stage.scene, SIZE
     if change == "background":
@@ -152,12 +152,12 @@ def test_nothing_of_another_picture_comes_through(stage, window, change):
         scene.settings.mode = "color"
     else:
         size = 151, 97
-    stage.layer._moving.step = 1
+    stage.layer._moving.step = 2
     camera = orbits.camera_of(scene.orbit, *size)
     stage.layer.update(camera)
     again = Stage(scene.field, window[1])
     again.scene.settings.background = scene.settings.background
-    again.layer._moving.step = 1
+    again.layer._moving.step = 2
     again.layer.update(camera)
     shown, wanted = (one.layer.shown.texture.color.read() for one in (stage, again))
     assert shown == wanted
