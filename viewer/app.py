@@ -242,7 +242,7 @@ class App:
         controls.ratio = size[0] / max(self.window.width, 1)
         controls.covered = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
-            scene.handles.hover = controls.part = None
+            scene.handles.hover = controls.part = controls.spot = None
         self.fly.advance(seconds)
         photograph, places = placed_photograph(self)
         moved, tick = scene.moving, scene.journal.tick

@@ -20,7 +20,6 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         ValueError: interop is "buffer", and CUDA and OpenGL share no buffers.
     """
     path = choose_path(app.ctx, device, interop)
-    gc.unfreeze()
     app.progress = Progress(device)
     arguments = field, name, device, app.progress
     if app.gui is None:
@@ -40,6 +39,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         scene.settings = app.scene.settings
     app.show(scene, renderer, path)
     if not is_first:
+        gc.unfreeze()
         gc.collect()  # the one before
     gc.freeze()  # or Python would look through all of it in the middle of a drag, for 0.1 s
     app.loaded_on, app.live = (device, interop), None

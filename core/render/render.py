@@ -320,7 +320,7 @@ class Renderer:
         at_once = not overlaps and self.stage.seconds is None
         starts = _tile_starts(faces.row_work(), rows, max(CPU_TILE_RAYS // camera.width, 1))
         starts = [camera.width * row for row in starts]
-        capacity = max(end - start for start, end in pairwise(starts))
+        capacity = max((end - start for start, end in pairwise(starts)), default=0)
 
         def render_tile(span):
             first, count, rays, skipped = span[0], span[1] - span[0], None, None

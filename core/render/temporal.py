@@ -2,7 +2,7 @@
 
 A coarse picture's rays go through every n-th pixel of the image, in the next picture through
 others (`phases`).  The pixels between them are taken from the image before, moved to where its
-surfaces are now (viewer/layers/upsampled.py).  The motion is exact under every deformation: a
+surfaces are now (upsampling.py).  The motion is exact under every deformation: a
 pixel's surface point lies in a tet, its barycentric coordinates there and the tet's corners of
 before say where it was, and the camera of before says which pixel showed it (`places_before`).
 

@@ -123,7 +123,7 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
     }
     if (moved && opacity == 0.0f) continue;  // background, as the image is already
     const float behind = nearest + wp::max(nx, ny) * slack(nearest);
-    Layer layers[2] = {{{}, inf, 0.0f}, {{}, inf, 0.0f}};  // in front, and behind it
+    Layer layers[2] = {{{}, inf, -inf}, {{}, inf, -inf}};  // in front, and behind it
     for (int k = 0; k < 4; ++k) {
         const Four& place = corners[k].place;
         Layer& own = layers[!(place[3] <= behind)];
@@ -131,7 +131,8 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
         own.low = wp::min(own.low, place[2]);
         own.high = wp::max(own.high, place[2]);
     }
-    const bool one_layer = layers[1].high == 0.0f;
+    const bool* behind_it = layers[1].has;
+    const bool one_layer = !(behind_it[0] || behind_it[1] || behind_it[2] || behind_it[3]);
 
     for (int y = wp::max(top, 0); y < wp::min(top + ny, height); ++y) {
         for (int x = wp::max(left, 0); x < wp::min(left + nx, width); ++x) {

@@ -260,6 +260,7 @@ class Upsampling:
             target.filled = add_coarse(picture, camera, background, before, target.image)
         self._spare, self._last = self._last, target
         self._count, self._since_change = self._count + 1, self._since_change + 1
+        target.image.sample_count = coarse.sample_count
         return target.image, target.filled
 
     def _target(self, shape, background):

@@ -13,6 +13,7 @@ from ...wings.rig import BonePose, reach, turned
 from ..camera import project, ray
 from ..rigging import HEAD, TAIL, Joint, Matter
 from .constraints import MOVE, SCALE, TURN, Constraint
+from .drags import BEHIND, is_ahead, miss_of
 from .gizmo import chosen_joint, is_root, own_axes
 from .under_mouse import surface_at
 
@@ -104,12 +105,14 @@ class BoneTool:
             return False
         if not on_joints and not (kind == MOVE and is_root(self.scene, joint)):
             joint = Joint(joint.bone, TAIL, self.scene.posing.ends[joint.bone, 1])
+        if not is_ahead(camera, joint.place):
+            self._say(BEHIND)
+            return False
         self._begin(camera, pixel, joint, kind)
         return True
 
     def _begin(self, camera, pixel, joint, kind):
-        (at,), _ = project(camera, joint.place[None])
-        self.drag = BoneDrag(joint, pixel, pixel - at, kind=kind)
+        self.drag = BoneDrag(joint, pixel, miss_of(camera, pixel, joint.place), kind=kind)
         if joint.bone >= 0:
             self.drag.held.own = own_axes(self.scene, joint.bone)
 
@@ -149,6 +152,8 @@ class BoneTool:
         drag, size = self.drag, self.scene.size
         start = drag.joint.place
         place = drag.held.place(camera, pixel - drag.miss, start, now, size)
+        if not np.isfinite(place).all():
+            return now
         drag.amount = drag.held.length(place - start, size)
         return place
 
@@ -193,8 +198,8 @@ class BoneTool:
             scene.posing.follow()
             drag.start = scene.posing.current
         drag.joint = Joint(drag.joint.bone, TAIL, scene.posing.ends[drag.joint.bone, 1])
-        (at,), _ = project(camera, drag.joint.place[None])
-        drag.press, drag.miss = np.array(pixel, float), pixel - at
+        drag.press = np.array(pixel, float)
+        drag.miss = miss_of(camera, pixel, drag.joint.place)
         drag.kind = MOVE if drag.kind == kind == TURN else kind
         drag.angle, drag.amount = 0.0, None
         drag.held.text, drag.held.tangent = "", None

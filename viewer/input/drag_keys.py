@@ -5,15 +5,15 @@ Pixels are the image's, x to the right, y down.
 
 import numpy as np
 
-from ..camera import project
 from ..rigging import TAIL
 from ..settings import OF_BONES
 from . import drags
-from .constraints import LONGEST_NUMBER, MOVE, TURN, number_of
+from .constraints import LONGEST_NUMBER, MOVE, SCALE, TURN, number_of
 from .gizmo import RING_STEP, Gizmo, Part, gizmo_of, part_at, parts_of
 from .inputs import ALT, CTRL, OTHER_NAMES
 
 FREE = "{}: the mouse, or a number; X Y Z: along an axis; click or Enter: done; Esc: back"
+NOTHING = "nothing to {}: select red points, or point at one"
 FLAT = 0.5  # the cosine of the least angle of a ring to the view at which the mouse goes around it
 LEAST_WAY = 40.0  # points for a radian
 OF_NUMBERS = {"MINUS", "PERIOD", "COMMA", "NUM_SUBTRACT", "NUM_DECIMAL"}  # keys, but for digits
@@ -53,8 +53,7 @@ class DragKeys:
             self.dragging.begin(kind, grab.target, self.pointer)
             if kind == MOVE:
                 follows = grab.target.place + self.dragging.anchor
-                (center,), _ = project(self.camera, follows[None])
-                self.dragging.miss = self.pointer - center
+                self.dragging.miss = drags.miss_of(self.camera, self.pointer, follows)
         else:
             self.bones.turn_into(kind, self.camera, self.pointer)
 
@@ -93,26 +92,31 @@ class DragKeys:
         if self.mode:
             self._say(f"{kind}: while you drag a red point")
             return
-        self._say(FREE.format(kind))
         if tool in OF_BONES:
             if self.bones.take(self.camera, self.pointer, kind):
                 self.mode, self.free = "bone", True
-        elif tool != "grab" or not self._grab_chosen():
-            self._say(f"nothing to {kind}: select red points, or point at one")
-        else:
+        elif tool == "grab" and self._grab_chosen(kind):
             self.free = True
             self.hold(kind, self.pointer)
+        elif tool != "grab":
+            self._say(NOTHING.format(kind))
+        if self.free:
+            self._say(FREE.format(kind))
 
-    def _grab_chosen(self):
+    def _grab_chosen(self, kind):
         """Take hold of what is selected, else of what is under the mouse; whether there is any."""
-        handles = self.scene.handles
-        self._press = self.pointer
-        if handles.takeable:
+        handles, self._press = self.scene.handles, self.pointer
+        chosen = handles.takeable if self.scene.settings.show_handles else []
+        if chosen and not drags.is_ahead(self.camera, handles.at(chosen).mean(axis=0)):
+            self._say(drags.BEHIND)
+        elif chosen:
             self._grab_selected()
         elif handles.hover in handles.control_ids:
             self._grab(handles.hover)
         elif self.spot is not None:
             self._grab_place()
+        else:
+            self._say(NOTHING.format(kind))
         return self.mode == "grab"
 
     def hold(self, kind: str, pixel) -> None:
@@ -122,18 +126,21 @@ class DragKeys:
             pixel: Where the mouse has it.  [2]
         """
         motion, drag = self.scene.handles.grabbed.target, self.dragging
-        (middle,), _ = project(self.camera, (motion.place + motion.center)[None])
-        drag.anchor, drag.miss = motion.center, pixel - middle
+        middle = motion.place + motion.center
+        drag.anchor, drag.miss = motion.center, drags.miss_of(self.camera, pixel, middle)
         drag.begin(kind, motion, pixel)
 
     def apply(self, text: str, axis: int) -> None:
         """Do at once what the gizmo does, by a number along an axis or about it."""
         gizmo = gizmo_of(self.scene)
-        if number_of(text) is None:
+        number = number_of(text)
+        if number is None:
             self._say(f"{text[:LONGEST_NUMBER]!r} is no number")
+        elif gizmo is not None and gizmo.kind == SCALE and number <= 0.0:
+            self._say("a factor is more than 0")
         elif gizmo is not None and not self.mode:
             self._begin_free(gizmo.kind)
-        if self.free:
+        if self.free and self.held_drag is not None:
             held = self.held_drag.held
             held.axis, held.is_own, held.text = axis, self.scene.settings.own_axes, text.strip()
             self.follow(self.pointer)

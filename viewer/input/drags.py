@@ -14,6 +14,7 @@ from .constraints import MOVE, NEAR, TURN, Constraint
 
 SCALE_PER_POINT = 1.0 / 150.0  # of the logarithm, if the press was near the center
 SCALES = 0.1, 10.0
+BEHIND = "it is behind the eye: turn around first (Home)"
 
 
 @dataclass
@@ -40,6 +41,18 @@ class Drag:
         self.kind, self.press, self.angle = kind, np.array(pixel, float), 0.0
         self.before, self.amount = motion, None
         self.held.text, self.held.tangent = "", None
+
+
+def miss_of(camera, pixel, place) -> np.ndarray:
+    """From where a place [3] shows to a pixel; 0 if it is behind the eye.  [2]"""
+    (at,), _ = project(camera, np.asarray(place)[None])
+    return np.nan_to_num(pixel - at)
+
+
+def is_ahead(camera, place) -> bool:
+    """Whether a place [3] is in front of the eye."""
+    pixels, t = project(camera, np.asarray(place)[None])
+    return bool(np.isfinite(pixels).all() and t[0] > 0.0)
 
 
 def follow(drag: Drag, handles, camera, pixel, ratio: float) -> None:

@@ -2,11 +2,10 @@
 
 While things move, the factors are powers of √½ of the window's size, so that one step halves or
 doubles the pixels, and with them about the time.  On a CPU, rays go through every n-th pixel
-across and down, and what is between them is taken from the picture before (Upsampling).  With
-two and two an image has 36 dB, with three and two 34, with four and four 28, so before there are
-fewer rays they take longer steps and leave out levels finer than a pixel, which costs less of the
-quality.  After a change the time has to leave a band around the target before the next one, or
-the picture would flicker between two.
+across and down, and what is between them is taken from the picture before (Upsampling).  Fewer rays
+cost some decibels (docs/design/017), so before there are fewer they take longer steps and leave out
+levels finer than a pixel, which costs less of the quality.  After a change the time has to leave a
+band around the target before the next one, or the picture would flicker between two.
 
 At rest finer pictures are rendered in strips of rows, so that the window answers meanwhile, up
 to the full resolution; and then images shifted by fractions of a pixel, of which the mean is shown.

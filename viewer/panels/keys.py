@@ -1,4 +1,4 @@
-"""The choice of keys that is offered once, at the first start: in the menu bar, over nothing."""
+"""The choice of keys, offered once, at the first start, in the menu bar: it covers nothing."""
 
 from imgui_bundle import imgui
 

@@ -182,9 +182,9 @@ class Handles:
     @property
     def takeable(self) -> list[int]:
         """What is selected and can be taken by `grab_selected`: pins, too."""
-        free, hidden = set(self.control_ids.tolist()), set(self.hidden)
-        pins = {one for one in self.selected if self.is_pinned(one) and one not in hidden}
-        return [one for one in self.selected if one in free | pins]
+        takeable, hidden = set(self.control_ids.tolist()), set(self.hidden)
+        takeable |= {one for one in self.selected if self.is_pinned(one) and one not in hidden}
+        return [one for one in self.selected if one in takeable]
 
     # -- a drag --------------------------------------------------------------------------
 

@@ -245,8 +245,9 @@ class CpuRounds:
 
     def trace_in(self, memory: "TraceMemory", rays: Rays, count: int, pixels: Pixels, options):
         """As `trace`: the first `count` rays that are `alive` in a memory."""
-        if memory.options != options:
-            memory.options, memory.shading = options, self._shader.of_launch(options)
+        used = options.level_count, options.half, options.termination, options.conformance
+        if memory.used != used:
+            memory.used, memory.shading = used, self._shader.of_launch(options)
         inputs = [self._pose.geometry, rays, memory.round, count, self._round_slots]
         inputs += [memory.shading, pixels]
         wp.launch(trace_kernel, 1, inputs, [memory.totals], device="cpu")
@@ -275,4 +276,4 @@ class TraceMemory:
         self.alive = wp.empty(ray_count, dtype=int, device="cpu")
         self.round = empty_round(self.alive, min(ray_count, capacity // min(ROUND_SLOTS)), capacity)
         self.totals = wp.empty(2, dtype=int, device="cpu")
-        self.options = self.shading = None  # the last launch's
+        self.used = self.shading = None  # the last launch's options, as far as shading has them

@@ -1,5 +1,7 @@
 """Drags of the gizmo, drags without a button, and numbers that are typed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -434,3 +436,46 @@ def test_a_number_of_the_panel_turns_a_bone_and_moves_a_joint(controls, scene, c
     controls.end_if_there()
     moved = before[1, 1] + np.array([0.05 * scene.size, 0.0, 0.0])
     np.testing.assert_allclose(scene.rigging.skeleton.tails[1], moved)
+
+
+def look_away(scene):
+    """The camera has the object behind it."""
+    away = scene.orbit.target - 6.0 * scene.orbit.pose[:3, 2]
+    scene.orbit = replace(scene.orbit, target=away)
+
+
+@pytest.mark.parametrize("tool", ["grab", "bones", "joints"])
+@pytest.mark.parametrize("kind", ["move", "turn"])
+def test_what_is_behind_the_eye_is_not_dragged(controls, scene, chain, tool, kind):
+    said, scene.settings.tool = [], tool
+    controls._say = controls.bones._say = said.append
+    if tool == "grab":
+        select(controls)
+    look_away(scene)
+    controls.turn_into(kind)
+    assert not controls.mode and not controls.free
+    assert "behind the eye" in said[-1] or (tool, kind) == ("joints", "turn")
+
+
+@pytest.mark.parametrize("tool", ["grab", "bones", "joints"])
+def test_what_comes_behind_the_eye_in_a_drag_stays_finite(controls, scene, chain, tool):
+    scene.settings.tool = tool
+    if tool == "grab":
+        select(controls)
+    controls.turn_into("move")
+    assert controls.free
+    look_away(scene)
+    for way in (30.0, -50.0):
+        controls.on_mouse_motion(int(150 + way), 100, int(way), 0)
+        scene.advance(TIME_STEP)
+    controls.finish()
+    assert not controls.mode and np.isfinite(scene.positions).all()
+
+
+def test_the_panel_refuses_a_factor_that_is_not_positive(controls, scene):
+    said, scene.settings.gizmo = [], "scale"
+    controls._say = said.append
+    select(controls)
+    for text in ("0", "-2"):
+        controls.apply(text, 0)
+        assert said[-1] == "a factor is more than 0" and not controls.free
