@@ -77,7 +77,7 @@ for (int j = 0; j < columns; ++j) {
     const bool known = found_at(place[0], place[1], place[2], place[2], was);
     const int pixel = (corner[1] + row_of_part) * coarse.shape[1] + corner[0] + j;
     auto& found = *reinterpret_cast<LooseFour*>(differences.data + at);
-    found = known ? color_of(coarse, pixel) - was : Four(0.0f);
+    found = known ? color_of(coarse, pixel) - was : Four(inf);
 }
 #endif
 
@@ -95,6 +95,7 @@ auto put = [&](int at, Four color, float depth) __attribute__((always_inline)) {
 struct Corner {
     Four place;  // where it was, less where it is in the cell; distances along the rays, then and now
     Four color, difference;
+    float doubt;  // of what the image before shows around it: 1 halves its share
 };
 struct Layer {
     bool has[4];      // of the corners
@@ -102,8 +103,8 @@ struct Layer {
 };
 // A mean of a layer's corners in a pixel, and the sum of their weights.
 struct Mean {
-    float weight;
-    Four place, difference;
+    float weight, doubt;
+    Four place, color, difference;
 };
 
 for (int cell = first_cell; cell < end_cell; ++cell) {
@@ -118,6 +119,12 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
         corners[k].place = four_of(places, at) - ahead;
         corners[k].difference = four_of(differences, at);
         corners[k].color = color_of(coarse, row * rays.size[0] + column);
+        const Four size = __builtin_elementwise_abs(corners[k].difference);
+        corners[k].doubt = wp::max(wp::max(size[0], size[1]), wp::max(size[2], size[3])) * @DOUBTFULf;
+        if (size[0] == inf) {  // it was not seen
+            corners[k].difference = 0.0f;
+            corners[k].doubt = @UNSEENf;
+        }
         nearest = wp::min(nearest, corners[k].place[3]);
         opacity = wp::max(opacity, corners[k].color[3]);
     }
@@ -151,25 +158,34 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
                                       (1.0f - right) * below, right * below};
             const Four here = {1.0f * (x - left), 1.0f * (y - top), 0.0f, 0.0f};
             auto mean_of = [&](const Layer& layer) __attribute__((always_inline)) -> Mean {
-                Mean mean = {0.0f, Four(0.0f), Four(0.0f)};
+                Mean mean = {0.0f, 0.0f, Four(0.0f), Four(0.0f), Four(0.0f)};
                 for (int k = 0; k < 4; ++k) {
                     if (!layer.has[k] || weights[k] == 0.0f) continue;
                     mean.weight += weights[k];
                     mean.place += weights[k] * corners[k].place;
+                    mean.color += weights[k] * corners[k].color;
                     mean.difference += weights[k] * corners[k].difference;
+                    mean.doubt += weights[k] * corners[k].doubt;
                 }
                 const float scale = 1.0f / wp::max(mean.weight, 1e-6f);
                 mean.place = mean.place * scale + here;
+                mean.color *= scale;
                 mean.difference *= scale;
+                mean.doubt *= scale;
                 return mean;
             };
             Four was = background;
             auto is_known = [&](const Mean& mean, float low, float high) {
                 return mean.weight > 0.0f && found_at(mean.place[0], mean.place[1], low, high, was);
             };
+            // Where the image before is far off, what it has between the corners is, too.
+            auto corrected = [&](const Mean& mean) __attribute__((always_inline)) -> Four {
+                const float trust = 1.0f / (1.0f + mean.doubt * mean.doubt);
+                return mean.color + trust * (was + mean.difference - mean.color);
+            };
             const Mean front = mean_of(layers[0]);
             if (is_known(front, layers[0].low, layers[0].high)) {
-                put(at, was + front.difference, front.place[3]);
+                put(at, corrected(front), front.place[3]);
                 continue;
             }
             const Mean back = one_layer ? front : mean_of(layers[1]);
@@ -185,13 +201,10 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
             }
             if (known) {
                 const Mean& found = shows_back ? back : mean;
-                put(at, was + found.difference, found.place[3]);
+                put(at, corrected(found), found.place[3]);
                 continue;
             }
-            Four color = 0.0f;
-            for (int k = 0; k < 4; ++k)
-                if (layers[!is_front].has[k]) color += weights[k] * corners[k].color;
-            put(at, color / mean.weight, mean.place[3]);
+            put(at, mean.color, mean.place[3]);
         }
     }
 }

@@ -3,10 +3,14 @@
 A coarse picture has some of the image's pixels (temporal.py).  At the places where its surfaces
 were, it is compared with the image before; then each cell between four coarse pixels is filled.
 A pixel's color is that of before, corrected by the mean of its neighbors' differences: light that
-changes is followed, and what is wrong doesn't stay.  Of the four neighbors those in front form a
-layer, the others another.  A layer's motion says where to look; if at least half of what is there
-is as far away as that layer was, the pixel is taken from there, else the layer behind is tried, and
-in the end the coarse picture alone.  Where nothing has moved, pixels stay what they were.
+changes is followed, and what is wrong doesn't stay.  Where the differences are large, or a neighbor
+was not seen, less of what lies between the neighbors is taken from before: a side that comes into
+view, or an edge that is cut up, would be noise.
+
+Of the four neighbors those in front form a layer, the others another.  A layer's motion says where
+to look; if at least half of what is there is as far away as that layer was, the pixel is taken from
+there, else the layer behind is tried, and in the end the coarse picture alone.  Where nothing has
+moved, pixels stay what they were.
 
 Only the part of the image with the object is worked on; the rest is background.
 
@@ -27,16 +31,18 @@ from .temporal import PastView, phases, places_before, strided
 
 ROOM = 2  # coarse pixels around the object: its soft edges, and neighbors that are read
 STEEPEST = 6.0  # a surface's rise in depth, in pixels per pixel, that is no edge
+DOUBTFUL = 1.0 / 100.0  # doubt for a difference of a byte's unit: at 1 half of the detail is left
+UNSEEN = 0.7  # doubt where the image before does not show the surface of a coarse pixel
 ALIKE = 0.5  # pixels; layers whose motions differ by less move alike
 LEAST_PIXELS = 1 << 17  # of the image, of a thread: some 4 ms
+
+VALUES = {"STEEPEST": STEEPEST, "ALIKE": ALIKE, "DOUBTFUL": DOUBTFUL, "UNSEEN": UNSEEN}
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
 def _native(section):
-    return native_source(
-        Path(__file__).with_suffix(".cpp"), [], {"STEEPEST": STEEPEST, "ALIKE": ALIKE}, section
-    )
+    return native_source(Path(__file__).with_suffix(".cpp"), [], VALUES, section)
 
 
 @wp.struct
@@ -79,7 +85,7 @@ def differences_kernel(
     first_row: int,  # of the part
     differences: wp.array2d(dtype=wp.vec4),  # out, like places
 ):
-    """How much coarse pixels differ from what the image before has of them; 0 if nothing."""
+    """How much coarse pixels differ from what the image before has of them; inf if nothing."""
     compare_row(coarse, places, corner, before, first_row + wp.tid(), differences)
 
 

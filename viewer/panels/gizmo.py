@@ -52,8 +52,9 @@ def _tip(lines, points, color, kind):
         return
     length = max(((x - x0) ** 2 + (y - y0) ** 2) ** 0.5, 1e-6)
     u, v = (x - x0) / length, (y - y0) / length
-    left, right = ((x + side * TIP * v, y - side * TIP * u) for side in (1.0, -1.0))
-    lines.add_triangle_filled(left, right, (x + 2.0 * TIP * u, y + 2.0 * TIP * v), color)
+    back = x - 2.0 * TIP * u, y - 2.0 * TIP * v  # the head ends where the mouse can take it
+    left, right = ((back[0] + side * TIP * v, back[1] - side * TIP * u) for side in (1.0, -1.0))
+    lines.add_triangle_filled(left, right, (x, y), color)
 
 
 def gizmo_switch(app) -> None:

@@ -20,6 +20,7 @@ from deformrf.core.render.upsampling import CoarsePicture, _Target, add_coarse, 
 
 SIZE = 83, 61
 STEEPEST, ALIKE = 6.0, 0.5  # as in upsampling.py
+DOUBTFUL, UNSEEN = 2.55, 0.7
 WHITE = 1.0, 1.0, 1.0
 
 
@@ -74,11 +75,12 @@ def reference(coarse, places, rays, camera, colors, depths):
     """The image of a coarse picture and the image before, in float64, pixel by pixel."""
     stride, phase = rays
     slack = lambda t: STEEPEST / camera.focal * (1.0 if camera.parallel else t)  # noqa: E731
-    differences = np.zeros(coarse.shape)
+    differences, doubts = np.zeros(coarse.shape), np.full(coarse.shape[:2], UNSEEN)
     for at in np.ndindex(coarse.shape[:2]):
         was = found_at(places[at][:2], [places[at][2]], colors, depths, slack)
         if was is not None:
             differences[at] = coarse[at] - was
+            doubts[at] = DOUBTFUL * abs(differences[at]).max()
     image, depth = np.zeros(colors.shape), np.zeros(depths.shape)
     for y, x in np.ndindex(depths.shape):
         cell = np.floor((np.array([x, y]) - phase) / stride).astype(int)
@@ -116,11 +118,11 @@ def reference(coarse, places, rays, camera, colors, depths):
             apart = np.linalg.norm(layers[0][2] - layers[-1][2])
             if len(layers) == 2 and apart < ALIKE:
                 found = found_at(place, [0.0, 1e30], colors, depths, slack)
-        if found is None:
-            image[y, x] = mean(used, weight, [coarse[one] for one in four])
-        else:
-            change = mean(used, weight, [differences[one] for one in four])
-            image[y, x] = np.clip(found + change, 0.0, 1.0)
+        image[y, x] = mean(used, weight, [coarse[one] for one in four])
+        if found is not None:
+            detail = found + mean(used, weight, [differences[one] for one in four]) - image[y, x]
+            doubt = mean(used, weight, [doubts[one] for one in four])
+            image[y, x] = np.clip(image[y, x] + detail / (1.0 + doubt**2), 0.0, 1.0)
         depth[y, x] = mean(used, weight, now)
     depth[image[..., 3] < 0.5] = np.inf
     return image, depth
