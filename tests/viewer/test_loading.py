@@ -23,7 +23,7 @@ def prepared(ball, device):
 
 def test_each_device_has_its_own_kernels():
     modules = kernel_modules("cpu")
-    for name in ("render.rays.raster", "render.modes", "render.rounds.cpu", "deform.tangles"):
+    for name in ("render.cpu_tiles", "render.modes", "render.rounds.cpu", "deform.tangles"):
         assert f"deformrf.core.{name}" in modules
     assert len(modules) == len(set(modules))
     for name in ("deform.frame.cuda", "field.networks.mma"):  # a CPU never launches them
