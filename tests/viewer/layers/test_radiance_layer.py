@@ -139,6 +139,16 @@ def test_a_hand_that_holds_still_for_a_moment_gets_all_pixels(stage):
     assert stage.layer.render_count == count == 4
 
 
+def test_an_object_may_leave_the_picture_while_it_moves_and_come_back(stage):
+    stage.layer._moving.step, orbit = 2, stage.scene.orbit
+    assert (stage.frame()[..., :3] != 255).any()
+    for k in range(3):
+        stage.scene.orbit = replace(orbit, target=orbit.target + np.array([0.0, 50.0 + k, 0.0]))
+        assert (stage.frame()[..., :3] == 255).all()
+    stage.scene.orbit = orbit
+    assert (stage.frame()[..., :3] != 255).any()
+
+
 @pytest.mark.parametrize("change", ["background", "mode", "size"])
 def test_nothing_of_another_picture_comes_through(stage, window, change):
     stage.layer._moving.step = 2
