@@ -83,6 +83,7 @@ for (int j = 0; j < columns; ++j) {
 
 //# cells
 const int columns = places.shape[1], nx = rays.stride[0], ny = rays.stride[1];
+const int image_width = image.depth.shape[1], image_height = image.depth.shape[0];
 const float per_column = 1.0f / nx, per_row = 1.0f / ny;
 auto put = [&](int at, Four color, float depth) __attribute__((always_inline)) {
     color = __builtin_elementwise_min(__builtin_elementwise_max(color, Four(0.0f)), Four(255.0f));
@@ -129,7 +130,7 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
         opacity = wp::max(opacity, corners[k].color[3]);
     }
     if (moved && opacity == 0.0f) continue;  // background, as the image is already
-    const float behind = nearest + wp::max(nx, ny) * slack(nearest);
+    const float behind = nearest + wp::max(nx, ny) * slack(nearest) * (image.texel / before.texel);
     Layer layers[2] = {{{}, inf, -inf}, {{}, inf, -inf}};  // in front, and behind it
     for (int k = 0; k < 4; ++k) {
         const Four& place = corners[k].place;
@@ -141,9 +142,9 @@ for (int cell = first_cell; cell < end_cell; ++cell) {
     const bool* behind_it = layers[1].has;
     const bool one_layer = !(behind_it[0] || behind_it[1] || behind_it[2] || behind_it[3]);
 
-    for (int y = wp::max(top, 0); y < wp::min(top + ny, height); ++y) {
-        for (int x = wp::max(left, 0); x < wp::min(left + nx, width); ++x) {
-            const int at = y * width + x;
+    for (int y = wp::max(top, 0); y < wp::min(top + ny, image_height); ++y) {
+        for (int x = wp::max(left, 0); x < wp::min(left + nx, image_width); ++x) {
+            const int at = y * image_width + x;
             if (x == left && y == top && cell >= 0 && cell_row >= 0) {
                 put(at, corners[0].color, corners[0].place[3]);
                 continue;

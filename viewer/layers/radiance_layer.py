@@ -31,7 +31,16 @@ from ..camera import pixels_per_unit
 from ..files import with_colors
 from . import gl
 from .ground_plane import GroundPlane
-from .resolution import CPU_LADDER, LADDER, SAMPLE_COUNT, MovingResolution, Picture, Sampling, finer
+from .resolution import (
+    CPU_LADDER,
+    LADDER,
+    SAMPLE_COUNT,
+    SMALL,
+    MovingResolution,
+    Picture,
+    Sampling,
+    finer,
+)
 from .upload import ImageTexture, SharedImage, image_target
 
 REST_SECONDS = 0.15  # without a change, before refining begins
@@ -266,15 +275,17 @@ class RadianceLayer:
         return rung.savings(self._level_edges, pixel)
 
     def _past_view(self, camera):
-        """What the shown picture was rendered of, if one of this camera's size can follow it."""
+        """What the shown picture was rendered of, if an upsampled one can follow it."""
         scene, shown = self._scene, self.shown.texture
         settings = scene.settings
         kind = settings.mode, settings.background, self._cuts, self._renderer, camera.parallel
         same, self._kind = kind == self._kind, kind
-        whole = shown is not None and shown.size == (camera.width, camera.height)
-        if not same or not whole or self._camera is None or not self._may_upsample(self._camera):
+        sizes = [_size_of(camera, scale) for scale in (1.0, SMALL)]
+        fits = shown is not None and shown.size in sizes
+        if not same or not fits or self._camera is None or not self._may_upsample(self._camera):
             return None
-        return PastView(self._camera, wp.clone(self._renderer.pose.vertices))
+        vertices = wp.clone(self._renderer.pose.vertices)
+        return PastView(self._camera.resized(*shown.size), vertices)
 
     def _may_upsample(self, camera):
         """Whether pixels can be taken from one image to the next."""
@@ -287,18 +298,21 @@ class RadianceLayer:
         Args:
             view: The PastView of the shown picture, or None if nothing can be taken from it.
         """
-        background, savings = self._scene.settings.background, self._savings(rung, 1.0, camera)
+        background = self._scene.settings.background
+        savings = self._savings(rung, rung.scale, camera)
         options = RenderOptions(tuple(background), details=True, **savings)
         before = None if view is None else self._shown_image()
         upsampling, self._upsampled_at = self._upsampling, rung
+        picture, last = self._picture(rung.scale, camera, self.shown.texture, savings), self.shown
+        camera = camera.resized(*picture.texture.size)
         with self._times.task("render"):
             coarse = upsampling.render(self._renderer, camera, rung.stride, options, view)
         with self._times.task("draw"):
             given = coarse, self._renderer, camera, options.background, view, before
             image, part = upsampling.upsampled(*given)
-        picture, last = self._picture(1.0, camera, self.shown.texture, savings), self.shown
         rows = 0, camera.height
-        if view is not None and last.part is not None:  # the rest is background already
+        # The rest is background already.
+        if view is not None and last.part is not None and picture.texture is last.texture:
             ends = [end for one in (last.part[0], part[0]) for end in (one.start, one.stop)]
             rows = min(ends), max(ends)
         with self._times.task("upload"):
@@ -346,7 +360,7 @@ class RadianceLayer:
 
     def _picture(self, factor, camera, texture, cheaper=None):
         """A picture without rows yet, in this texture if it fits."""
-        size = max(8, round(camera.width * factor)), max(8, round(camera.height * factor))
+        size = _size_of(camera, factor)
         if texture is not None and texture.size != size:
             texture.release()
             texture = None
@@ -419,18 +433,21 @@ class RadianceLayer:
     def _object_part(self, camera):
         """Where the shown picture is more than background: x, y, width, height, y up [pixels]."""
         if self.shown.part is not None:
-            rows, columns = self.shown.part
-            width, height = columns.stop - columns.start, rows.stop - rows.start
-            return columns.start, camera.height - rows.stop, max(width, 1), max(height, 1)
-        opaque = self.color_image()[..., 3] > 0
-        rows, columns = (np.flatnonzero(opaque.any(axis=axis)) for axis in (1, 0))
-        if not len(rows):
-            return 0, 0, 1, 1
-        wide, high = np.array([camera.width, camera.height]) / opaque.shape[::-1]
-        left, right = (columns[0] - 1) * wide, (columns[-1] + 2) * wide
-        top, bottom = (rows[0] - 1) * high, (rows[-1] + 2) * high
+            (top, bottom), (left, right) = ((one.start, one.stop) for one in self.shown.part)
+        else:
+            opaque = self.color_image()[..., 3] > 0
+            rows, columns = (np.flatnonzero(opaque.any(axis=axis)) for axis in (1, 0))
+            if not len(rows):
+                return 0, 0, 1, 1
+            (top, bottom), (left, right) = ((one[0], one[-1] + 1) for one in (rows, columns))
+        size = self.shown.texture.size
+        wide, high = camera.width / size[0], camera.height / size[1]
+        around = size != (camera.width, camera.height)  # pixels that are blended
+        left, right = (left - around) * wide, (right + around) * wide
+        top, bottom = (top - around) * high, (bottom + around) * high
         x, y = max(int(left), 0), max(int(camera.height - bottom), 0)
-        return x, y, int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
+        width, height = int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
+        return x, y, max(width, 1), max(height, 1)
 
     def _triangle_for(self, smooth):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
@@ -461,3 +478,8 @@ class RadianceLayer:
         for texture in (self.shown.texture, self._spare):
             if texture is not None:
                 texture.release()
+
+
+def _size_of(camera, factor):
+    """Width and height of a picture with that share of a camera's, at least 8 × 8."""
+    return tuple(max(8, round(factor * side)) for side in (camera.width, camera.height))

@@ -4,7 +4,9 @@ While things move, the factors are powers of √½ of the window's size, so that
 doubles the pixels, and with them about the time.  On a CPU, rays go through every n-th pixel
 across and down, and what is between them is taken from the picture before (Upsampling).  Fewer rays
 cost some decibels (docs/design/017), so before there are fewer they take longer steps and leave out
-levels finer than a pixel, which costs less of the quality.  After a change the time has to leave a
+levels finer than a pixel, which costs less of the quality.  With few rays most of the time goes
+into the pixels between them, so in the end the picture has half of the window's width and height.
+After a change the time has to leave a
 band around the target before the next one, or the picture would flicker between two.
 
 At rest finer pictures are rendered in strips of rows, so that the window answers meanwhile, up
@@ -28,7 +30,10 @@ RENEWAL = 0.25  # of a mean, by one frame
 FORGETTING = 0.9993  # of a rung's time, by each frame: a fifth in 300
 SMALLEST_SHARE = 0.4  # of a frame that rendering gets, whatever else takes time
 HALF = 2, 1  # a ray for every second pixel, on a CPU; then there are fewer
-STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4), (6, 4), (6, 6), (8, 8))
+STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4))
+SMALL = 0.5  # of the window's width and height: pictures on the slowest machines, and their strides
+SMALL_STRIDES = ((2, 2), (3, 2), (3, 3), (4, 3), (4, 4))
+PIXEL_COST = 0.05  # of a pixel without a ray, relative to one with a ray: it is filled and uploaded
 STRIP_SECONDS = 0.045  # rendering a strip
 SMALLEST_STRIP = 4  # rows
 SAMPLE_COUNT = 16  # images whose mean is shown in the end
@@ -43,6 +48,7 @@ class Rung:
     spared_levels: int = 0  # so many levels may be left out, if they are finer than a pixel
     cost: float = 1.0  # about the time, relative to the whole image in full quality
     stride: tuple[int, int] | None = None  # of rays, if the pixels between them can be upsampled
+    scale: float = 1.0  # then: the picture's width and height, relative to the window's
 
     def savings(self, edges, pixel: float) -> dict:
         """What it saves on besides pixels, as arguments of RenderOptions.
@@ -59,9 +65,10 @@ class Rung:
 CHEAPER = ((1.4, 0, 0.86), (2.0, 0, 0.73), (2.0, 1, 0.70))
 
 
-def _strided(stride, step_factor=1.0, spared_levels=0, share=1.0):
-    rays = 1.0 / (stride[0] * stride[1])
-    return Rung(rays**0.5, step_factor, spared_levels, share * rays, stride)
+def _strided(stride, step_factor=1.0, spared_levels=0, share=1.0, scale=1.0):
+    rays, pixels = scale**2 / (stride[0] * stride[1]), scale**2
+    cost = share * rays + PIXEL_COST * pixels
+    return Rung(rays**0.5, step_factor, spared_levels, cost, stride, scale)
 
 
 LADDER = tuple(Rung(factor, cost=factor * factor) for factor in FACTORS)
@@ -71,6 +78,7 @@ CPU_LADDER = (
     _strided(STRIDES[0]),
     *(_strided(STRIDES[0], *saving) for saving in CHEAPER),
     *(_strided(stride, *CHEAPER[-1]) for stride in STRIDES[1:]),
+    *(_strided(stride, *CHEAPER[-1], SMALL) for stride in SMALL_STRIDES),
 )
 
 

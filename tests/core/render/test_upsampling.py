@@ -162,7 +162,7 @@ class Stand:
     def become(self, picture, before):
         """The image that a coarse picture and the image before become."""
         target = _Target(SIZE[::-1], WHITE)
-        add_coarse(picture, self.camera, WHITE, before, target.image)
+        add_coarse(picture, self.camera, WHITE, self.sight(), before, target.image)
         return target.image
 
 
