@@ -1,11 +1,14 @@
 """Tiles of an image on a CPU: a thread renders one after the other, in memory that it keeps.
 
-A tile takes three launches, each of one thread: begin (rays, where they enter the mesh), trace
-(rounds/cpu.py), finish (colors and depths).  What Python does between them is what many cores wait
-for, because only one thread runs it at a time.
+A tile's stages are begin (rays, where they enter the mesh), trace (rounds/cpu.py), and finish
+(colors and depths).  A thread renders all of its tiles by one launch, which takes the next tile
+when one is done: only one thread at a time runs Python, and the others would wait for it.  Where
+rays may be tangled or begin elsewhere, and where stages are timed, each stage is launched.
 
 Shapes: R rays, at most as many as the memory has room for.
 """
+
+from dataclasses import dataclass, field
 
 import warp as wp
 
@@ -13,18 +16,18 @@ from ..base.native import MOST_LANES
 from .rays.approach import ASIDE, PARALLEL
 from .rays.camera import DeviceCamera, camera_ray
 from .rays.entries import MOST_ENTRIES, UNKNOWN, empty_entries
-from .rays.marching import Rays, empty_rays
+from .rays.marching import Rays, Round, empty_rays
 from .rays.pose import Geometry
 from .rays.raster import raster_native
 from .rays.traversal import orientation
 from .rounds.compositing import Pixels, empty_pixels, ray_sums, to_bytes
-from .rounds.cpu import TraceMemory
+from .rounds.cpu import NativeShading, TraceMemory, trace
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
-@wp.kernel
-def begin_kernel(
+@wp.func
+def begin(
     camera: DeviceCamera,
     first_pixel: int,  # of ray 0
     count: int,
@@ -36,9 +39,8 @@ def begin_kernel(
     by_component: wp.array(dtype=float),  # [6 (R + lanes)] room
     exits: wp.array(dtype=int),  # [R] room
     alive: wp.array(dtype=int),  # [R] out: the rays that may meet something
-    alive_count: wp.array(dtype=int),  # [1] out
 ):
-    """Begin the rays of some pixels, by one thread."""
+    """Begin the rays of some pixels, by one thread; returns how many are alive."""
     width = camera.lens.width
     entries = rays.entries
     known = rectangles.shape[0] > 0
@@ -82,11 +84,12 @@ def begin_kernel(
             if pixels.sums.shape[0] > 0:
                 pixels.sums[ray] = ray_sums()
         ray += 1
-    alive_count[0] = left
+    return left
 
 
-@wp.kernel
-def finish_kernel(
+@wp.func
+def finish(
+    ray: int,
     pixels: Pixels,  # [R]
     skipped: wp.array(dtype=float),  # [R] of each ray's beginning, or empty
     background: wp.vec3,
@@ -97,8 +100,7 @@ def finish_kernel(
     tet: wp.array(dtype=int),  # out, or empty
     samples: wp.array(dtype=int),  # out, or empty
 ):
-    """Colors and depths of a tile's rays."""
-    ray = wp.tid()
+    """Color and depth of a ray."""
     pixel = first + ray
     left = pixels.transmittance[ray]
     t = pixels.depth[ray] / wp.max(1.0 - left, 1.0e-6)
@@ -110,6 +112,125 @@ def finish_kernel(
         inside = pixels.tet[ray]
         tet[pixel] = wp.where(inside < 0, -1, tet_ids[wp.max(inside, 0)])
         samples[pixel] = pixels.sample_count[ray]
+
+
+@wp.kernel
+def begin_kernel(
+    camera: DeviceCamera,
+    first_pixel: int,
+    count: int,
+    has_rays: int,
+    geometry: Geometry,
+    rectangles: wp.array(dtype=wp.vec4i),
+    rays: Rays,
+    pixels: Pixels,
+    by_component: wp.array(dtype=float),
+    exits: wp.array(dtype=int),
+    alive: wp.array(dtype=int),
+    alive_count: wp.array(dtype=int),  # [1] out
+):
+    """As `begin`."""
+    alive_count[0] = begin(
+        camera,
+        first_pixel,
+        count,
+        has_rays,
+        geometry,
+        rectangles,
+        rays,
+        pixels,
+        by_component,
+        exits,
+        alive,
+    )
+
+
+@wp.kernel
+def finish_kernel(
+    pixels: Pixels,
+    skipped: wp.array(dtype=float),
+    background: wp.vec3,
+    tet_ids: wp.array(dtype=int),
+    first: int,
+    color: wp.array(dtype=wp.vec4ub),
+    depth: wp.array(dtype=float),
+    tet: wp.array(dtype=int),
+    samples: wp.array(dtype=int),
+):
+    """As `finish`."""
+    finish(wp.tid(), pixels, skipped, background, tet_ids, first, color, depth, tet, samples)
+
+
+@wp.func_native("return __atomic_fetch_add(next.data, 1, __ATOMIC_RELAXED);")
+def take(next: wp.array(dtype=int)) -> int:
+    """A number that no other thread gets; the next one."""
+    ...
+
+
+@wp.kernel
+def tiles_kernel(
+    camera: DeviceCamera,
+    starts: wp.array(dtype=int),  # [N + 1] first pixels of the tiles, and the end
+    next: wp.array(dtype=int),  # [1] of all threads: the next tile
+    geometry: Geometry,
+    rectangles: wp.array(dtype=wp.vec4i),
+    tet_ids: wp.array(dtype=int),
+    background: wp.vec3,
+    round_slots: wp.array(dtype=int),
+    rays: Rays,  # here and in what follows: a thread's own memory
+    pixels: Pixels,
+    by_component: wp.array(dtype=float),
+    exits: wp.array(dtype=int),
+    round: Round,
+    shading: NativeShading,
+    totals: wp.array(dtype=int),
+    none: wp.array(dtype=float),  # empty
+    color: wp.array(dtype=wp.vec4ub),  # out, as in Image; each of the whole image
+    depth: wp.array(dtype=float),  # out
+    tet: wp.array(dtype=int),  # out, or empty
+    samples: wp.array(dtype=int),  # out, or empty
+    sample_count: wp.array(dtype=int),  # [1] out, of this thread's tiles
+):
+    """Render tiles, one after the other, by one thread."""
+    evaluated = int(0)
+    tile = take(next)
+    while tile < starts.shape[0] - 1:
+        first = starts[tile]
+        count = starts[tile + 1] - first
+        alive = begin(
+            camera,
+            first,
+            count,
+            0,
+            geometry,
+            rectangles,
+            rays,
+            pixels,
+            by_component,
+            exits,
+            round.alive,
+        )
+        evaluated += trace(geometry, rays, round, alive, round_slots, shading, pixels, totals)
+        ray = int(0)
+        first -= starts[0]
+        while ray < count:
+            finish(ray, pixels, none, background, tet_ids, first, color, depth, tet, samples)
+            ray += 1
+        tile = take(next)
+    sample_count[0] = evaluated
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """An image's tiles, for all threads that render some of them."""
+
+    camera: DeviceCamera
+    starts: wp.array  # [N + 1] int: first pixels, and the end
+    geometry: Geometry
+    rectangles: wp.array  # as `bounding_rectangles` has them.  vec4i
+    tet_ids: wp.array  # [K] int: old ids of the visible tets
+    image: dict  # arrays of all pixels: color, depth, and perhaps tet and samples
+    next: wp.array = field(default_factory=lambda: wp.zeros(1, dtype=int, device="cpu"))
 
 
 class TileMemory:
@@ -127,6 +248,17 @@ class TileMemory:
         self._count = wp.empty(1, dtype=int, device="cpu")
         self._no_ids = wp.empty(0, dtype=int, device="cpu")
         self._no_numbers = wp.empty(0, dtype=float, device="cpu")
+
+    def render(self, tiles: "Tiles", options, host_rounds) -> int:
+        """Render tiles until all are taken; returns the number of samples."""
+        trace, (slots, shading) = self.trace, host_rounds.for_tiles(self.trace, options)
+        inputs = [tiles.camera, tiles.starts, tiles.next, tiles.geometry, tiles.rectangles]
+        inputs += [tiles.tet_ids, wp.vec3(*options.background), slots, self.rays, self.pixels]
+        inputs += [self._by_component, self._exits, trace.round, shading, trace.totals]
+        details = [tiles.image.get(name, self._no_ids) for name in ("tet", "samples")]
+        outputs = [tiles.image["color"], tiles.image["depth"], *details, self._count]
+        wp.launch(tiles_kernel, 1, [*inputs, self._no_numbers], outputs, device="cpu")
+        return int(self._count.numpy()[0])
 
     def begin(self, camera: DeviceCamera, first_pixel, count, geometry, rectangles, rays=None):
         """Begin the rays of the pixels first_pixel, ...; returns the number of `alive` ones.

@@ -27,7 +27,7 @@ from ..base.device import start_warp, thread_count
 from ..base.paths import whole_file
 from ..field import TetField, check_finite
 from ..geometry import morton_order
-from .cpu_tiles import TileMemory
+from .cpu_tiles import TileMemory, Tiles
 from .overlap.merging import PieceMerger
 from .overlap.search import Overlap
 from .rays.approach import ball_around, begin_at_ball, is_far, moved_aside
@@ -42,8 +42,8 @@ from .shading import Shading
 from .stage_timer import StageTimer
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
-CPU_TILES_PER_THREAD = 2  # or more, so that no thread waits long for the others
-TILE_COST = 2.0e4  # of Python for a tile, which runs in one thread at a time; as work
+CPU_TILES_PER_THREAD = 3  # or more, so that no thread waits long for the others
+THREAD_COST = 1.0e4  # of Python for a launch, which runs in one thread at a time; as work
 CPU_TILE_RAYS = 1 << 15  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
 QUALITY = 95  # of pictures in formats with losses
@@ -317,10 +317,20 @@ class Renderer:
         ball = ball_around(self.pose.vertices.numpy())
         ball = ball if is_far(camera.position, ball) else None
         overlaps = self.overlap.exists() or options.path == "merge"
-        at_once = not overlaps and self.stage.seconds is None
+        at_once = not overlaps and self.stage.seconds is None and ball is None
         starts = _tile_starts(faces.row_work(), rows, max(CPU_TILE_RAYS // camera.width, 1))
         starts = [camera.width * row for row in starts]
         capacity = max((end - start for start, end in pairwise(starts)), default=0)
+        if at_once:
+            bounds = wp.array(starts, dtype=int, device="cpu")
+            geometry = self.pose.geometry
+            tiles = Tiles(seen, bounds, geometry, faces.rectangles, self._tet_ids, image)
+
+            def render_some(_):
+                return self._tile_memory(capacity).render(tiles, options, self.host_rounds)
+
+            used = -(-(len(starts) - 1) // CPU_TILES_PER_THREAD)
+            return sum(self._pool.map(render_some, range(min(used, thread_count()))))
 
         def render_tile(span):
             first, count, rays, skipped = span[0], span[1] - span[0], None, None
@@ -329,13 +339,10 @@ class Renderer:
                 *rays, skipped = begin_at_ball(*camera_rays(camera, first, count), ball)
             with self.stage("march"):
                 geometry = self.pose.geometry
-                left = memory.begin(seen, first, count, geometry, faces.rectangles, rays)
-            if at_once:
-                sample_count = self.host_rounds.trace(memory, left, options)
-            else:
-                # A tangled ray may start within tets and graze the boundary unnoticed.
-                ids = wp.array(np.arange(count), dtype=int, device="cpu")
-                sample_count = self._trace_some(memory.rays, ids, memory.pixels, options)
+                memory.begin(seen, first, count, geometry, faces.rectangles, rays)
+            # A tangled ray may start within tets and graze the boundary unnoticed.
+            ids = wp.array(np.arange(count), dtype=int, device="cpu")
+            sample_count = self._trace_some(memory.rays, ids, memory.pixels, options)
             start = first - rows[0] * camera.width
             memory.finish(count, options.background, self._tet_ids, start, image, skipped)
             return sample_count
@@ -411,8 +418,9 @@ def _tile_starts(row_work, rows, row_limit):
     """
     first, last = rows
     done = np.concatenate([[0.0], row_work[first:last].cumsum()])
-    # n tiles take about n TILE_COST + work/n, if there are threads enough.
-    count = min(CPU_TILES_PER_THREAD * thread_count(), (done[-1] / TILE_COST) ** 0.5 // 1)
+    # n threads take about n THREAD_COST + work/n.
+    threads = min(thread_count(), max((done[-1] / THREAD_COST) ** 0.5 // 1, 1.0))
+    count = CPU_TILES_PER_THREAD * threads
     count = max(count, np.ceil(done[-1] / CPU_TILE_WORK), np.ceil((last - first) / row_limit), 1.0)
     starts = np.searchsorted(done, done[-1] * np.arange(1, count) / count)
     return sorted({first, last, *(first + starts).tolist()})

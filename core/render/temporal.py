@@ -21,7 +21,7 @@ import warp as wp
 from ..base.threads import shares_of, side_by_side
 from .rays.camera import Camera, DeviceCamera, camera_ray, device_camera
 
-LEAST_ROWS = 32  # of a thread
+LEAST_ROWS = 8  # of a thread
 NOWHERE = wp.constant(-1.0e6)  # column and row outside of every image
 FLAT = wp.constant(1.0e-6)  # a tet's volume beside the product of its edges, at least
 RECENT = 2.0  # phases after which a pixel has half forgotten that its neighbor was rendered

@@ -30,7 +30,7 @@ from ..rays.traversal import FADED, interval_in_tet, orientation
 
 TANGLED_TETS, CROSSINGS = 0, 1  # places in a pose's counts
 PLAIN, TANGLED = 0, 1  # places in the counts of rays
-EDGES_PER_THREAD = 1000  # of a CPU, at least: 0.4 ms
+EDGES_PER_THREAD = 400  # of a CPU, at least: 0.2 ms
 BLOCK_SIZE = 128  # threads: the stacks of more don't fit into a GPU's shared memory
 COPLANAR = wp.constant(1.0e-5)  # of the largest possible volume: float32 can't tell it from 0
 MOST_CROSSINGS = wp.constant(8)  # of a ray; with more it is tangled

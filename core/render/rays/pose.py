@@ -24,7 +24,7 @@ QUERY_GAP = wp.constant(4.0e-6)
 # A tet flatter than this (σ_min/σ_max) has no coordinates.  Rays that meet a fading tet are
 # tangled (overlap/search.py).  A walk meets a flat one by rounding only, and ends there.
 FLAT = wp.constant(1.0e-5)
-TETS_PER_THREAD = 1000  # of a CPU, at least: 0.3 ms
+TETS_PER_THREAD = 500  # of a CPU, at least: 0.2 ms
 FITTED_TREE = "sah"  # the host builds it once; rays find their way faster than in a GPU's own
 FADED = wp.constant(1.0e-3)  # σ_min/σ_max where a tet has faded out
 # Newton's iteration for the polar factor: 6 steps take any stretches with σ_min/σ_max >= FADED

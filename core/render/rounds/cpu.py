@@ -97,8 +97,8 @@ def march_some_kernel(
     march_some(geometry, rays, round, transmittance, stop)
 
 
-@wp.kernel(enable_backward=False)
-def trace_kernel(
+@wp.func
+def trace(
     geometry: Geometry,
     rays: Rays,
     round: Round,  # in: all rays, and slots; out: those that are left
@@ -106,9 +106,12 @@ def trace_kernel(
     round_slots: wp.array(dtype=int),  # K by round; empty: what is in the slots is all there is
     shading: NativeShading,
     pixels: Pixels,
-    totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
+    totals: wp.array(dtype=int),  # [2] room; out, the first: rays that are left
 ):
-    """All rounds of the rays of a list, by one thread; `accumulate_kernel` says how one ends."""
+    """All rounds of the rays of a list, by one thread; `accumulate_kernel` says how one ends.
+
+    Returns the number of samples.
+    """
     is_marched = round_slots.shape[0] == 0
     count = int(ray_count)
     number = int(0)
@@ -132,7 +135,22 @@ def trace_kernel(
             round.first += round.ray_count
         number += 1
         count = wp.where(is_marched, 0, left)
-    totals[1] = sample_count
+    return sample_count
+
+
+@wp.kernel(enable_backward=False)
+def trace_kernel(
+    geometry: Geometry,
+    rays: Rays,
+    round: Round,
+    ray_count: int,
+    round_slots: wp.array(dtype=int),
+    shading: NativeShading,
+    pixels: Pixels,
+    totals: wp.array(dtype=int),  # [2] out: rays that are left, samples
+):
+    """As `trace`."""
+    totals[1] = trace(geometry, rays, round, ray_count, round_slots, shading, pixels, totals)
 
 
 class CpuShader:
@@ -241,17 +259,17 @@ class CpuRounds:
             return 0
         memory = TraceMemory(len(alive))
         memory.alive.assign(alive)
-        return self.trace_in(memory, rays, len(alive), pixels, options)
+        inputs = [self._pose.geometry, rays, memory.round, len(alive)]
+        inputs += [*self.for_tiles(memory, options), pixels]
+        wp.launch(trace_kernel, 1, inputs, [memory.totals], device="cpu")
+        return int(memory.totals.numpy()[1])
 
-    def trace_in(self, memory: "TraceMemory", rays: Rays, count: int, pixels: Pixels, options):
-        """As `trace`: the first `count` rays that are `alive` in a memory."""
+    def for_tiles(self, memory: "TraceMemory", options):
+        """The slots of each round, and the shading, for a thread's launches in a memory."""
         used = options.level_count, options.half, options.termination, options.conformance
         if memory.used != used:
             memory.used, memory.shading = used, self._shader.of_launch(options)
-        inputs = [self._pose.geometry, rays, memory.round, count, self._round_slots]
-        inputs += [memory.shading, pixels]
-        wp.launch(trace_kernel, 1, inputs, [memory.totals], device="cpu")
-        return int(memory.totals.numpy()[1])
+        return self._round_slots, memory.shading
 
     def march(self, rays: Rays, alive, slot_count, pixels: Pixels, options):
         """One round's samples of the rays `alive` in slots, and how many each ray has."""

@@ -58,10 +58,9 @@ class HostRounds:
                 self._shading.finish(all_rays, pixels, options)
         return sample_count
 
-    def trace(self, memory, count: int, options) -> int:
-        """Render the first `count` rays that are alive in a TileMemory, on a CPU; as `render`."""
-        inputs = memory.trace, memory.rays, count, memory.pixels, options
-        return self._on_cpu.trace_in(*inputs)
+    def for_tiles(self, memory, options):
+        """What tiles on a CPU are traced with, in a TraceMemory; as CpuRounds'."""
+        return self._on_cpu.for_tiles(memory, options)
 
     def _some_at_a_time(self, alive, slot_count):
         """Some of the rays at a time, on a CPU: their slots have to fit into memory."""
