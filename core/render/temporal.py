@@ -4,7 +4,7 @@ A coarse picture's rays go through every n-th pixel of the image, in the next pi
 others (`phases`).  The pixels between them are taken from the image before, moved to where its
 surfaces are now (upsampling.py).  The motion is exact under every deformation: a
 pixel's surface point lies in a tet, its barycentric coordinates there and the tet's corners of
-before say where it was, and the camera of before says which pixel showed it (`places_before`).
+before say where it was, and the camera of before says which pixel showed it (`place_before`).
 
 The rest is as in temporal antialiasing with upsampling (Yang et al., "A Survey of Temporal
 Antialiasing Techniques", CGF 2020).
@@ -18,10 +18,8 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from ..base.threads import shares_of, side_by_side
 from .rays.camera import Camera, DeviceCamera, camera_ray, device_camera
 
-LEAST_ROWS = 8  # of a thread
 NOWHERE = wp.constant(-1.0e6)  # column and row outside of every image
 FLAT = wp.constant(1.0e-6)  # a tet's volume beside the product of its edges, at least
 RECENT = 2.0  # phases after which a pixel has half forgotten that its neighbor was rendered
@@ -148,29 +146,52 @@ def nearest_beside(
     return found
 
 
-@wp.kernel
-def places_kernel(
-    camera: DeviceCamera,
-    tets: wp.array(dtype=wp.vec4i),  # [T]
-    vertices: wp.array(dtype=wp.vec3),  # [V] now
-    color: wp.array2d(dtype=wp.vec4ub),  # [h, w] as all of the picture
-    depth: wp.array2d(dtype=float),
-    tet: wp.array2d(dtype=int),
-    before: DevicePastView,
-    corner: wp.vec2i,  # row and column of the first pixel that is wanted
-    places: wp.array2d(dtype=wp.vec4),  # out
-):
-    i, j = wp.tid()
-    row = corner[0] + i
-    column = corner[1] + j
-    t = depth[row, column]
-    inside = tet[row, column]
-    if not wp.isfinite(t) and int(color[row, column][3]) > 0:  # the soft edge of something
-        beside = nearest_beside(depth, tet, row, column)
+@wp.struct
+class Surfaces:
+    """What a picture with details shows, and what the image before was rendered of."""
+
+    camera: DeviceCamera
+    tets: wp.array(dtype=wp.vec4i)  # [T]
+    vertices: wp.array(dtype=wp.vec3)  # [V] now
+    color: wp.array2d(dtype=wp.vec4ub)  # [h, w]
+    depth: wp.array2d(dtype=float)  # [h, w]
+    tet: wp.array2d(dtype=int)  # [h, w]
+    before: DevicePastView
+
+
+def surfaces(image, camera: Camera, renderer, before: PastView) -> Surfaces:
+    """For kernels, on the CPU.
+
+    Args:
+        image: A whole Image of `camera`, with details, that the renderer has rendered in the pose
+            that it has.
+    """
+    value = Surfaces()
+    tets = np.ascontiguousarray(renderer.field.mesh.tets, np.int32)
+    value.tets = wp.array(tets, dtype=wp.vec4i, device="cpu", copy=False)
+    value.camera, value.before = device_camera(camera), _for_kernels(before)
+    value.vertices = renderer.pose.vertices
+    value.color, value.depth, value.tet = image.color, image.depth, image.tet
+    return value
+
+
+@wp.func
+def place_before(surfaces: Surfaces, row: int, column: int):
+    """Where a pixel's surface point was in the image before.
+
+    Column and row in that image, in pixels, and the distances along the rays then and now; these
+    are inf where nothing is, column and row NOWHERE if they are not known.  A soft edge, of an
+    opacity below ½, moves with the nearest surface beside it.
+    """
+    before = surfaces.before
+    t = surfaces.depth[row, column]
+    inside = surfaces.tet[row, column]
+    if not wp.isfinite(t) and int(surfaces.color[row, column][3]) > 0:  # the soft edge of something
+        beside = nearest_beside(surfaces.depth, surfaces.tet, row, column)
         if beside[0] >= 0:
-            t = depth[beside[0], beside[1]]
-            inside = tet[beside[0], beside[1]]
-    origin, direction = camera_ray(camera, column, row)
+            t = surfaces.depth[beside[0], beside[1]]
+            inside = surfaces.tet[beside[0], beside[1]]
+    origin, direction = camera_ray(surfaces.camera, column, row)
     place = wp.vec2(NOWHERE, NOWHERE)
     t_before = t
     if not wp.isfinite(t):  # the background is endlessly far
@@ -179,36 +200,10 @@ def places_kernel(
         else:
             place = place_in(before, wp.transform_vector(before.world_to_camera, direction))
     elif inside >= 0:
-        p = point_before(origin + t * direction, tets[inside], vertices, before.vertices)
+        corners = surfaces.tets[inside]
+        p = point_before(origin + t * direction, corners, surfaces.vertices, before.vertices)
         if wp.isfinite(p[0]):
             local = wp.transform_point(before.world_to_camera, p)
             place = place_in(before, local)
             t_before = wp.where(before.parallel != 0, -local[2], wp.length(local))
-    places[i, j] = wp.vec4(place[0], place[1], t_before, t)
-
-
-def places_before(image, camera: Camera, renderer, before: PastView, box=None) -> wp.array:
-    """Where each pixel's surface point was in the image before.  [h, w] vec4 on the CPU
-
-    It has column and row in that image, in pixels, and the distances along the rays then and now;
-    the distances are inf where nothing is, column and row NOWHERE if they are not known.  A soft
-    edge, of an opacity below ½, moves with the nearest surface beside it.
-
-    Args:
-        image: A whole Image of `camera`, with details, that the renderer has rendered on the CPU
-            in the pose that it has.
-        box: First and last + 1 rows, then columns, if not all pixels are wanted.
-    """
-    first, last, left, right = box or (0, camera.height, 0, camera.width)
-    places = wp.empty((last - first, right - left), dtype=wp.vec4, device="cpu")
-    tets = np.ascontiguousarray(renderer.field.mesh.tets, np.int32)
-    tets = wp.array(tets, dtype=wp.vec4i, device="cpu", copy=False)
-    now = renderer.pose.vertices, image.color, image.depth, image.tet, _for_kernels(before)
-
-    def fill(start, end):
-        inputs = [device_camera(camera), tets, *now, wp.vec2i(first + start, left)]
-        dim = end - start, right - left
-        wp.launch(places_kernel, dim, inputs, [places[start:end]], device="cpu")
-
-    side_by_side([lambda span=span: fill(*span) for span in shares_of(last - first, LEAST_ROWS)])
-    return places
+    return wp.vec4(place[0], place[1], t_before, t)

@@ -27,7 +27,7 @@ from ..base.native import native_source
 from ..base.threads import shares_of, side_by_side
 from .rays.camera import Camera
 from .render import Image
-from .temporal import PastView, phases, places_before, strided
+from .temporal import PastView, Surfaces, phases, place_before, strided, surfaces
 
 ROOM = 2  # coarse pixels around the object: its soft edges, and neighbors that are read
 STEEPEST = 6.0  # a surface's rise in depth, in pixels per pixel, that is no edge
@@ -76,19 +76,6 @@ def compare_row(
 ): ...
 
 
-@wp.kernel
-def differences_kernel(
-    coarse: wp.array2d(dtype=wp.vec4ub),
-    places: wp.array2d(dtype=wp.vec4),  # of a part of the coarse picture
-    corner: wp.vec2i,  # column and row of the part's first pixel
-    before: SeenImage,
-    first_row: int,  # of the part
-    differences: wp.array2d(dtype=wp.vec4),  # out, like places
-):
-    """How much coarse pixels differ from what the image before has of them; inf if nothing."""
-    compare_row(coarse, places, corner, before, first_row + wp.tid(), differences)
-
-
 @wp.func_native(_native("cells"))
 def fill_cells(
     coarse: wp.array2d(dtype=wp.vec4ub),
@@ -107,31 +94,51 @@ def fill_cells(
 
 @wp.kernel
 def upsample_kernel(
-    coarse: wp.array2d(dtype=wp.vec4ub),
-    places: wp.array2d(dtype=wp.vec4),  # of a part of the coarse picture
-    differences: wp.array2d(dtype=wp.vec4),
+    shown: Surfaces,  # of the coarse picture
     rays: CoarseRays,
-    corner: wp.vec2i,  # column and row of the part's first pixel
-    first_row: int,  # of coarse pixels; -1: what is above all of them
-    columns: wp.vec2i,  # the first one, and the last one + 1
+    corner: wp.vec2i,  # column and row of the first pixel of the picture's part
+    needed: wp.vec2i,  # rows of the part, the first one and the last one + 1
+    rows: wp.vec2i,  # of coarse pixels, the first one and the last one + 1; -1: above all of them
+    columns: wp.vec2i,  # the same
     moved: int,  # whether anything has, since the image before
     before: SeenImage,
+    places: wp.array2d(dtype=wp.vec4),  # room for the part
+    differences: wp.array2d(dtype=wp.vec4),  # room: how much coarse pixels differ; inf if unknown
     image: SeenImage,  # out
 ):
-    """The image's pixels from each coarse pixel on, up to the next ones; a thread has a row."""
-    row = first_row + wp.tid()
-    left = columns[0]
-    end = columns[1]
-    fill_cells(coarse, places, differences, rays, corner, row, left, end, moved, before, image)
+    """The image's pixels from each coarse pixel of some rows on, up to the next ones."""
+    row = int(needed[0])
+    while row < needed[1]:
+        column = int(0)
+        while column < places.shape[1]:
+            places[row, column] = place_before(shown, corner[1] + row, corner[0] + column)
+            column += 1
+        compare_row(shown.color, places, corner, before, row, differences)
+        row += 1
+    row = int(rows[0])
+    while row < rows[1]:
+        fill_cells(
+            shown.color,
+            places,
+            differences,
+            rays,
+            corner,
+            row,
+            columns[0],
+            columns[1],
+            moved,
+            before,
+            image,
+        )
+        row += 1
 
 
 @dataclass(frozen=True)
 class CoarsePicture:
     """A picture with a ray for every n-th pixel of an image."""
 
-    color: wp.array  # [h, w] vec4ub
-    box: tuple[int, int, int, int]  # `object_box` of the colors
-    places: wp.array  # of the box, by `places_before`.  vec4
+    shown: Surfaces  # [h, w]
+    box: tuple[int, int, int, int]  # `object_box` of its colors
     stride: tuple[int, int]  # n, across and down
     phase: tuple[int, int]  # the image's pixel of the first ray: column, row
     moved: bool = True  # whether anything has moved since the image before
@@ -171,20 +178,18 @@ def add_coarse(picture, camera: Camera, background, view: PastView, before: Imag
     first, last, left, right = picture.box
     old = _for_kernels(before, view.camera, background)
     new = _for_kernels(image, camera, background)
-    (height, width), rays = picture.color.shape, CoarseRays()
+    (height, width), rays = picture.shown.depth.shape, CoarseRays()
     rays.stride, rays.phase = wp.vec2i(*picture.stride), wp.vec2i(*picture.phase)
-    rays.size = wp.vec2i(width, height)
-    differences, corner = wp.empty_like(picture.places), wp.vec2i(left, first)
+    rays.size, corner = wp.vec2i(width, height), wp.vec2i(left, first)
+    room = [wp.empty((last - first, right - left), dtype=wp.vec4, device="cpu") for _ in range(2)]
     rows, columns = _cells(first, last, height), _cells(left, right, width)
 
     def fill(start, end):
-        above, below = rows[0] + start - first, rows[0] + end + 1 - first
-        above, below = max(above, 0), min(below, last - first)  # that these rows need
-        inputs = [picture.color, picture.places, corner, old, above]
-        wp.launch(differences_kernel, below - above, inputs, [differences], device="cpu")
-        inputs = [picture.color, picture.places, differences, rays, corner]
-        inputs += [rows[0] + start, wp.vec2i(*columns), int(picture.moved), old]
-        wp.launch(upsample_kernel, end - start, inputs, [new], device="cpu")
+        start, end = rows[0] + start, rows[0] + end
+        needed = max(start - first, 0), min(end + 1 - first, last - first)
+        inputs = [picture.shown, rays, corner, wp.vec2i(*needed), wp.vec2i(start, end)]
+        inputs += [wp.vec2i(*columns), int(picture.moved), old, *room]
+        wp.launch(upsample_kernel, 1, inputs, [new], device="cpu")
 
     pixels_a_row = (columns[1] - columns[0]) * picture.stride[0] * picture.stride[1]
     spans = shares_of(rows[1] - rows[0], max(LEAST_PIXELS // max(pixels_a_row, 1), 1))
@@ -261,10 +266,9 @@ class Upsampling:
                 view = PastView(camera, renderer.pose.vertices)
                 before = _Target(target.image.depth.shape, background).image
             rays = strided(camera, self._stride, self._phase)
-            places = places_before(coarse, rays, renderer, view, box)
+            shown = surfaces(coarse, rays, renderer, view)
             moved = self._since_change == 0 or before.depth.shape != target.image.depth.shape
-            given = coarse.color, box, places, self._stride, self._phase, moved
-            picture = CoarsePicture(*given)
+            picture = CoarsePicture(shown, box, self._stride, self._phase, moved)
             target.filled = add_coarse(picture, camera, background, view, before, target.image)
         self._spare, self._last = self._last, target
         self._count, self._since_change = self._count + 1, self._since_change + 1

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import warp as wp
+from places import places_of
 
 from deformrf.core.render import (
     Image,
@@ -16,7 +17,7 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.temporal import NOWHERE, phases, places_before, strided
+from deformrf.core.render.temporal import NOWHERE, phases, strided, surfaces
 
 STRIDES = [(1, 1), (2, 2), (3, 2), (3, 3), (4, 4), (6, 4)]
 
@@ -50,7 +51,7 @@ def test_coarse_rays_are_rays_of_the_image(stride, parallel):
 
 
 def reference(image, camera, tets, vertices, before, sight):
-    """`places_before` in float64, pixel by pixel; `before` are the vertices of then."""
+    """`place_before` in float64, pixel by pixel; `before` are the vertices of then."""
     color, depth, tet = image.color.numpy(), image.depth.numpy().astype(float), image.tet.numpy()
     origins, directions = (rays.reshape(*depth.shape, 3) for rays in camera_rays(camera))
     world_to_camera, lens = np.linalg.inv(sight.camera_to_world), sight.lens
@@ -102,7 +103,7 @@ def test_places_are_those_of_the_reference(bent, parallel):
     coarse = strided(camera, (3, 2), (1, 1))
     image = renderer.render(coarse, RenderOptions(details=True))
     before = PastView(then, wp.array(vertices, dtype=wp.vec3, device="cpu"))
-    places = places_before(image, coarse, renderer, before).numpy()
+    places = places_of(surfaces(image, coarse, renderer, before))
     now = renderer.pose.vertices.numpy().astype(float)
     tets = renderer.field.mesh.tets
     wanted = reference(image, coarse, tets, now, vertices.astype(float), then)
@@ -111,9 +112,6 @@ def test_places_are_those_of_the_reference(bent, parallel):
     assert np.array_equal(np.isfinite(places), np.isfinite(wanted))
     np.testing.assert_allclose(places[..., :2], wanted[..., :2], atol=5e-3)
     np.testing.assert_allclose(places[near], wanted[near], atol=5e-3)
-    box = 3, 9, 4, 15
-    part = places_before(image, coarse, renderer, before, box).numpy()
-    np.testing.assert_array_equal(part, places[3:9, 4:15])
 
 
 @pytest.mark.parametrize("parallel", [False, True])
@@ -123,7 +121,7 @@ def test_what_has_not_moved_is_where_it_is(bent, parallel):
     coarse = strided(camera, stride, phase)
     image = renderer.render(coarse, RenderOptions(details=True))
     before = PastView(camera, renderer.pose.vertices)
-    places = places_before(image, coarse, renderer, before).numpy()
+    places = places_of(surfaces(image, coarse, renderer, before))
     row, column = np.indices(places.shape[:2])
     np.testing.assert_allclose(places[..., 0], column * 3 + 2 + 0.5, atol=2e-3)
     np.testing.assert_allclose(places[..., 1], row * 2 + 1 + 0.5, atol=2e-3)
@@ -137,7 +135,7 @@ def test_the_place_of_what_is_in_a_flat_tet_is_not_known(bent):
     image = renderer.render(camera, RenderOptions(details=True))
     renderer.set_vertices(renderer.pose.vertices.numpy() * [1.0, 1.0, 0.0])
     before = PastView(camera, wp.array(vertices, dtype=wp.vec3, device="cpu"))
-    places = places_before(image, camera, renderer, before).numpy()
+    places = places_of(surfaces(image, camera, renderer, before))
     near = np.isfinite(image.depth_array())
     assert near.any() and (places[near, :2] == float(NOWHERE)).all()
 
@@ -158,6 +156,6 @@ def test_a_soft_edge_moves_with_the_nearest_surface_beside_it(bent):
         wp.array(tet, device="cpu"),
     )
     before = PastView(camera, wp.array(vertices, dtype=wp.vec3, device="cpu"))
-    places = places_before(image, camera, renderer, before).numpy()
+    places = places_of(surfaces(image, camera, renderer, before))
     assert places[1, 1, 3] == places[1, 2, 3] == 2.5
     assert np.isinf(places[1, 0, 3]) and np.isinf(places[0, 1, 3])

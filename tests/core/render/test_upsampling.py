@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from places import places_of
 from scipy.ndimage import maximum_filter
 
 from deformrf.core.render import (
@@ -15,7 +16,7 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.temporal import phases, places_before, strided
+from deformrf.core.render.temporal import phases, strided, surfaces
 from deformrf.core.render.upsampling import CoarsePicture, _Target, add_coarse, object_box
 
 SIZE = 83, 61
@@ -156,8 +157,8 @@ class Stand:
         image = self.renderer.render(camera, RenderOptions(details=True))
         colors = image.color_array()
         box = object_box(colors)
-        places = places_before(image, camera, self.renderer, before, box)
-        return CoarsePicture(image.color, box, places, stride, phase, moved)
+        shown = surfaces(image, camera, self.renderer, before)
+        return CoarsePicture(shown, box, stride, phase, moved)
 
     def become(self, picture, before):
         """The image that a coarse picture and the image before become."""
@@ -188,11 +189,12 @@ def test_the_native_code_is_its_reference(stand, stride, parallel):
     stand.look_from((1.85, 0.65, 0.95), parallel)
     picture = stand.coarse(stride, (1, 1), before)
     image = stand.become(picture, full)
-    coarse = picture.color.numpy() / 255.0
+    coarse = picture.shown.color.numpy() / 255.0
     places = np.full(coarse.shape, np.inf)
     places[...] = [-1e6, -1e6, np.inf, np.inf]  # beyond the box is background
     first, last, left, right = picture.box
-    places[first:last, left:right] = picture.places.numpy()
+    part = slice(first, last), slice(left, right)
+    places[part] = places_of(picture.shown)[part]
     rays = stride, picture.phase
     before = full.color_array() / 255.0, full.depth_array().astype(float)
     wanted, wanted_depth = reference(coarse, places, rays, stand.camera, *before)
