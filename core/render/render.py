@@ -43,7 +43,7 @@ from .stage_timer import StageTimer
 
 CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
 CPU_TILES_PER_THREAD = 3  # or more, so that no thread waits long for the others
-THREAD_COST = 1.0e4  # of Python for a launch, which runs in one thread at a time; as work
+THREAD_COST = 3.0e4  # of Python for a launch, which runs in one thread at a time; as work
 CPU_TILE_RAYS = 1 << 15  # bound what a tile takes of memory
 CUDA_TILE_RAYS = 1 << 20
 QUALITY = 95  # of pictures in formats with losses

@@ -55,19 +55,21 @@ def bounding_rectangles(camera: Camera, vertices, faces):
 
     None if a face reaches behind the camera or is nowhere, or the lens bends its edges.
     """
-    if camera.lens.is_distorted or not np.isfinite(vertices[faces]).all():
+    if camera.lens.is_distorted:
         return None
-    local = (vertices - camera.position) @ camera.camera_to_world[:3, :3]
-    depth = np.ones(len(local)) if camera.parallel else -local[:, 2]
-    if not (depth[faces] > 0.0).all():
-        return None
+    corners = np.ascontiguousarray(faces.T)  # NumPy finds extremes fastest along the first axis
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
     with np.errstate(all="ignore"):  # vertices that no face has may be anywhere
-        columns = (cx + fx * local[:, 0] / depth)[faces]
-        rows = (cy - fy * local[:, 1] / depth)[faces]
+        local = (vertices - camera.position) @ camera.camera_to_world[:3, :3]
+        depth = np.ones(len(local)) if camera.parallel else -local[:, 2]
+        columns = (cx + fx * local[:, 0] / depth)[corners]
+        rows = (cy - fy * local[:, 1] / depth)[corners]
+    usable = np.isfinite(local).all(axis=1) & (depth > 0.0)
+    if not usable[corners].all():
+        return None
     ranges = []
     for places, count in ((columns, camera.width), (rows, camera.height)):
-        low, high = places.min(axis=1) - MARGIN, places.max(axis=1) + MARGIN
+        low, high = places.min(axis=0) - MARGIN, places.max(axis=0) + MARGIN
         ranges.append(np.clip([np.floor(low), np.ceil(high)], 0, count))
     (left, right), (top, bottom) = ranges
     return np.ascontiguousarray(np.stack([left, top, right, bottom], axis=1), np.int32)
