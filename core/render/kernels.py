@@ -3,7 +3,7 @@
 import warp as wp
 
 from ..field import encode_kernel, networks_kernel
-from . import cpu_tiles, deferred, modes, render, shading, subpixel, temporal, upsampling
+from . import cpu_tiles, deferred, modes, render, shading, subpixel, upsampling
 from .overlap import merging, search
 from .rays import camera, marching, pose
 from .rounds import compositing, cpu
@@ -20,5 +20,5 @@ def kernel_modules(device: wp.DeviceLike) -> list[str]:
         modules += [render, camera, compositing, merging, bins, window_slots, marching, slots]
         modules += [ray_color, deferred, shading, slot_march, slot_shading, slot_densities]
     else:  # overlap/windows.py is compiled with cpu.py; what crowded rays need, if there are any
-        modules += [cpu_tiles, cpu, temporal, upsampling]
+        modules += [cpu_tiles, cpu, upsampling]
     return sorted({*names, *(module.__name__ for module in modules)})

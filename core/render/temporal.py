@@ -24,8 +24,6 @@ NOWHERE = wp.constant(-1.0e6)  # column and row outside of every image
 FLAT = wp.constant(1.0e-6)  # a tet's volume beside the product of its edges, at least
 RECENT = 2.0  # phases after which a pixel has half forgotten that its neighbor was rendered
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 2})
-
 
 @cache
 def phases(stride: tuple[int, int]) -> tuple[tuple[int, int], ...]:

@@ -4,8 +4,6 @@ import warp as wp
 
 from deformrf.core.render.temporal import Surfaces, place_before
 
-wp.set_module_options({"enable_backward": False})
-
 
 @wp.kernel
 def places_kernel(shown: Surfaces, places: wp.array2d(dtype=wp.vec4)):
