@@ -13,7 +13,7 @@ threads renders tiles of the image.
 """
 
 import io
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -283,8 +283,8 @@ class Renderer:
         if options.details:
             types |= {"tet": int, "samples": int}
         arrays = {k: wp.empty(count, dtype=t, device=self.device) for k, t in types.items()}
-        self._find_overlap(options)
         if self.device.is_cuda:
+            self._find_overlap(options)
             starts = [*range(first_pixel, first_pixel + count, CUDA_TILE_RAYS), first_pixel + count]
             sample_count = 0
             for start, end in pairwise(starts):
@@ -316,21 +316,18 @@ class Renderer:
         faces, seen = FaceRectangles(camera, self.pose), device_camera(camera)
         ball = ball_around(self.pose.vertices.numpy())
         ball = ball if is_far(camera.position, ball) else None
-        overlaps = self.overlap.exists() or options.path == "merge"
-        at_once = not overlaps and self.stage.seconds is None and ball is None
         starts = _tile_starts(faces.row_work(), rows, max(CPU_TILE_RAYS // camera.width, 1))
         starts = [camera.width * row for row in starts]
         capacity = max((end - start for start, end in pairwise(starts)), default=0)
-        if at_once:
+        plain = ball is None and options.path != "merge" and self.stage.seconds is None
+        # A pose is taken for one like the last one, with overlap or without.
+        if plain and not (self.overlap.expected and self.overlap.exists()):
             bounds = wp.array(starts, dtype=int, device="cpu")
-            geometry = self.pose.geometry
-            tiles = Tiles(seen, bounds, geometry, faces.rectangles, self._tet_ids, image)
-
-            def render_some(_):
-                return self._tile_memory(capacity).render(tiles, options, self.host_rounds)
-
-            used = -(-(len(starts) - 1) // CPU_TILES_PER_THREAD)
-            return sum(self._pool.map(render_some, range(min(used, thread_count()))))
+            tiles = seen, bounds, self.pose.geometry, faces.rectangles, self._tet_ids, image
+            sample_count = self._render_plain_tiles(Tiles(*tiles), capacity, options)
+            if not self.overlap.exists():
+                return sample_count
+        self._find_overlap(options)
 
         def render_tile(span):
             first, count, rays, skipped = span[0], span[1] - span[0], None, None
@@ -348,6 +345,21 @@ class Renderer:
             return sample_count
 
         return sum(self._pool.map(render_tile, pairwise(starts)))
+
+    def _render_plain_tiles(self, tiles, capacity, options) -> int:
+        """Render tiles as if nothing overlapped, and find out meanwhile."""
+
+        def render_some():
+            return self._tile_memory(capacity).render(tiles, options, self.host_rounds)
+
+        self.pose.refresh_face_boxes()  # the search may, and rays read them
+        used = -(-(len(tiles.starts) - 1) // CPU_TILES_PER_THREAD)
+        running = [self._pool.submit(render_some) for _ in range(min(used, thread_count()))]
+        try:
+            self.overlap.exists()
+        finally:
+            wait(running)
+        return sum(future.result() for future in running)
 
     def _tile_memory(self, capacity) -> TileMemory:
         """This thread's memory, for tiles of at most `capacity` rays."""

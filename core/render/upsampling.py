@@ -25,6 +25,7 @@ import warp as wp
 
 from ..base.native import native_source
 from ..base.threads import shares_of, side_by_side
+from .cpu_tiles import take
 from .rays.camera import Camera
 from .render import Image
 from .temporal import PastView, Surfaces, phases, place_before, strided, surfaces
@@ -35,6 +36,7 @@ DOUBTFUL = 1.0 / 100.0  # doubt for a difference of a byte's unit: at 1 half of 
 UNSEEN = 0.7  # doubt where the image before does not show the surface of a coarse pixel
 ALIKE = 0.5  # pixels; layers whose motions differ by less move alike
 LEAST_PIXELS = 1 << 15  # of the image, of a thread: some .7 ms
+IMAGE_ROWS = 16  # that a thread fills before it takes others
 
 VALUES = {"STEEPEST": STEEPEST, "ALIKE": ALIKE, "DOUBTFUL": DOUBTFUL, "UNSEEN": UNSEEN}
 
@@ -97,40 +99,45 @@ def upsample_kernel(
     shown: Surfaces,  # of the coarse picture
     rays: CoarseRays,
     corner: wp.vec2i,  # column and row of the first pixel of the picture's part
-    needed: wp.vec2i,  # rows of the part, the first one and the last one + 1
     rows: wp.vec2i,  # of coarse pixels, the first one and the last one + 1; -1: above all of them
     columns: wp.vec2i,  # the same
+    rows_at_once: int,
+    next: wp.array(dtype=int),  # [1] of all threads: the next rows
     moved: int,  # whether anything has, since the image before
     before: SeenImage,
     places: wp.array2d(dtype=wp.vec4),  # room for the part
     differences: wp.array2d(dtype=wp.vec4),  # room: how much coarse pixels differ; inf if unknown
     image: SeenImage,  # out
 ):
-    """The image's pixels from each coarse pixel of some rows on, up to the next ones."""
-    row = int(needed[0])
-    while row < needed[1]:
-        column = int(0)
-        while column < places.shape[1]:
-            places[row, column] = place_before(shown, corner[1] + row, corner[0] + column)
-            column += 1
-        compare_row(shown.color, places, corner, before, row, differences)
-        row += 1
-    row = int(rows[0])
-    while row < rows[1]:
-        fill_cells(
-            shown.color,
-            places,
-            differences,
-            rays,
-            corner,
-            row,
-            columns[0],
-            columns[1],
-            moved,
-            before,
-            image,
-        )
-        row += 1
+    """The image's pixels from each coarse pixel on, up to the next ones, until all are taken."""
+    first = rows[0] + rows_at_once * take(next)
+    while first < rows[1]:
+        end = wp.min(first + rows_at_once, rows[1])
+        row = wp.max(first - corner[1], 0)  # of the part; all that these rows need
+        while row < wp.min(end + 1 - corner[1], places.shape[0]):
+            column = int(0)
+            while column < places.shape[1]:
+                places[row, column] = place_before(shown, corner[1] + row, corner[0] + column)
+                column += 1
+            compare_row(shown.color, places, corner, before, row, differences)
+            row += 1
+        row = int(first)
+        while row < end:
+            fill_cells(
+                shown.color,
+                places,
+                differences,
+                rays,
+                corner,
+                row,
+                columns[0],
+                columns[1],
+                moved,
+                before,
+                image,
+            )
+            row += 1
+        first = rows[0] + rows_at_once * take(next)
 
 
 @dataclass(frozen=True)
@@ -184,16 +191,17 @@ def add_coarse(picture, camera: Camera, background, view: PastView, before: Imag
     room = [wp.empty((last - first, right - left), dtype=wp.vec4, device="cpu") for _ in range(2)]
     rows, columns = _cells(first, last, height), _cells(left, right, width)
 
-    def fill(start, end):
-        start, end = rows[0] + start, rows[0] + end
-        needed = max(start - first, 0), min(end + 1 - first, last - first)
-        inputs = [picture.shown, rays, corner, wp.vec2i(*needed), wp.vec2i(start, end)]
-        inputs += [wp.vec2i(*columns), int(picture.moved), old, *room]
+    inputs = [picture.shown, rays, corner, wp.vec2i(*rows), wp.vec2i(*columns)]
+    inputs += [max(IMAGE_ROWS // picture.stride[1], 1), wp.zeros(1, dtype=int, device="cpu")]
+    inputs += [int(picture.moved), old, *room]
+    cells = (rows[1] - rows[0]) * (columns[1] - columns[0])
+    pixels = cells * picture.stride[0] * picture.stride[1]
+    threads = len(shares_of(pixels, LEAST_PIXELS))
+
+    def fill():
         wp.launch(upsample_kernel, 1, inputs, [new], device="cpu")
 
-    pixels_a_row = (columns[1] - columns[0]) * picture.stride[0] * picture.stride[1]
-    spans = shares_of(rows[1] - rows[0], max(LEAST_PIXELS // max(pixels_a_row, 1), 1))
-    side_by_side([lambda span=span: fill(*span) for span in spans])
+    side_by_side([fill] * threads)
     part = []
     for axis, (low, high) in enumerate((rows, columns)):
         n, start, size = picture.stride[1 - axis], picture.phase[1 - axis], image.depth.shape[axis]
