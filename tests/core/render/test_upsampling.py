@@ -220,6 +220,22 @@ def test_what_stands_still_becomes_the_full_image(stand, stride):
     np.testing.assert_array_equal(np.isinf(image.depth_array()), np.isinf(full.depth_array()))
 
 
+@pytest.mark.parametrize("size", [(42, 30), (166, 122)])
+def test_an_image_may_follow_one_of_another_size(stand, size):
+    """After a bend, with 1/6 of the rays: it is nearer to the full image than without it."""
+    stand.bend(0.1)
+    full, before = stand.full(), stand.sight()
+    stand.bend(0.12)
+    stand.camera = stand.camera.resized(*size)
+    picture = stand.coarse((3, 2), (1, 1), before)
+    found = []
+    for image in (full, _Target(SIZE[::-1], WHITE).image):
+        target = _Target(size[::-1], WHITE)
+        add_coarse(picture, stand.camera, WHITE, before, image, target.image)
+        found.append(decibels(target.image, stand.full()))
+    assert found[0] > found[1] + 1.5
+
+
 def test_an_image_of_what_stands_still_stays(stand):
     """Even if it is said to have moved, next to nothing but single pixels of edges changes."""
     stand.bend(0.1)

@@ -20,7 +20,7 @@ from deformrf.viewer.camera import picking
 from deformrf.viewer.layers import SAMPLE_COUNT, Canvas, RadianceLayer, resolution
 from deformrf.viewer.layers.gl import depth_terms
 from deformrf.viewer.layers.radiance_layer import CHECKER_SIZE, REST_SECONDS
-from deformrf.viewer.layers.resolution import CPU_LADDER
+from deformrf.viewer.layers.resolution import CPU_LADDER, SMALL
 from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 
@@ -171,6 +171,19 @@ def test_nothing_of_another_picture_comes_through(stage, window, change):
     again.layer.update(camera)
     shown, wanted = (one.layer.shown.texture.color.read() for one in (stage, again))
     assert shown == wanted
+
+
+def test_pictures_of_half_the_size_and_whole_ones_follow_each_other(stage):
+    """The texture has what was rendered, and nothing of where the object was before."""
+    last, scene = len(CPU_LADDER) - 1, stage.scene
+    for step in (2, last, 2, last, last, 2, 2):
+        stage.layer._moving.step = step
+        scene.orbit = replace(scene.orbit, yaw=scene.orbit.yaw + 0.2)
+        stage.frame()
+        small = CPU_LADDER[step].scale == SMALL
+        assert stage.layer.depth_image().shape == ((60, 80) if small else (120, 160))
+        shown = stage.layer.shown
+        assert shown.texture.color.read() == shown.images[0].color_array().tobytes()
 
 
 def test_at_rest_picking_uses_the_depth_of_the_full_image(stage):

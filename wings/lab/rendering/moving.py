@@ -118,7 +118,7 @@ def _row(renderer, stride, way, cameras, exact):
 def _squares(colors, wanted):
     """Squares of the object's pixels' errors, 0..1."""
     seen = wanted[..., 3] > 0
-    return ((colors[seen, :3].astype(float) - wanted[seen, :3]) / 255.0) ** 2
+    return ((colors[seen][:, :3].astype(float) - wanted[seen, :3]) / 255.0) ** 2
 
 
 def _decibels(squares):
@@ -133,5 +133,6 @@ def _scaled(renderer, camera, stride):
     width, height = camera.width, camera.height
     share = (stride[0] * stride[1]) ** -0.5
     coarse = renderer.render(camera.resized(round(share * width), round(share * height)))
-    picture = Image.fromarray(np.ascontiguousarray(coarse.color_array()))
+    # With opacity, Pillow would weight colors by it, and the background has none.
+    picture = Image.fromarray(np.ascontiguousarray(coarse.color_array()[..., :3]))
     return np.asarray(picture.resize((width, height), Image.Resampling.BILINEAR))
