@@ -28,6 +28,7 @@ class BoneDrag:
     joint: Joint  # as it was when the button went down
     press: np.ndarray  # where that was, or where the present kind began [pixels]  [2]
     miss: np.ndarray  # from the joint to the press [pixels]  [2]
+    moves_joint: bool  # of the skeleton, instead of posing; a key may change the tool meanwhile
     start: BonePose | None = None  # of the bones, when the present kind began; None: a click so far
     kind: str = MOVE  # a bone reaches; or TURN
     held: Constraint = field(default_factory=Constraint)
@@ -112,14 +113,18 @@ class BoneTool:
         return True
 
     def _begin(self, camera, pixel, joint, kind):
-        self.drag = BoneDrag(joint, pixel, miss_of(camera, pixel, joint.place), kind=kind)
+        miss, moves_joint = (
+            miss_of(camera, pixel, joint.place),
+            self.scene.settings.tool == "joints",
+        )
+        self.drag = BoneDrag(joint, pixel, miss, moves_joint, kind=kind)
         if joint.bone >= 0:
             self.drag.held.own = own_axes(self.scene, joint.bone)
 
     def move(self, camera, pixel, ratio: float) -> None:
         """The mouse moves on, farther than in a click."""
         scene, drag = self.scene, self.drag
-        if scene.settings.tool == "joints":
+        if drag.moves_joint:
             now = drag.joint.place if self.place is None else self.place
             self.place = self._led(camera, pixel, now)
             return
@@ -188,7 +193,7 @@ class BoneTool:
     def turn_into(self, kind: str, camera, pixel) -> None:
         """Let the drag in progress turn the bone, or reach with its tip."""
         drag, scene = self.drag, self.scene
-        if kind == SCALE or drag.joint.bone < 0 or scene.settings.tool == "joints":
+        if kind == SCALE or drag.joint.bone < 0 or drag.moves_joint:
             self._say(f"{kind}: not with a bone or a joint")
             return
         if drag.joint.end != TAIL:

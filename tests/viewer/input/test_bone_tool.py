@@ -87,6 +87,22 @@ def test_a_drag_of_a_joint_moves_it_and_a_drag_beside_joints_orbits(controls, sc
     assert scene.orbit.yaw != yaw and chain.bone_count == count
 
 
+@pytest.mark.parametrize(("tool", "other"), [("joints", "bones"), ("bones", "joints")])
+def test_a_drag_goes_on_as_it_began_if_a_key_changes_the_tool(controls, scene, chain, tool, other):
+    scene.settings.tool = tool
+    start, joint = pixel_of(controls, chain.skeleton.tails[1]), chain.skeleton.tails[1].copy()
+    drag(controls, start, [20.0, 10.0])
+    scene.settings.tool = other
+    controls.drag(np.add(start, [30.0, 15.0]), 10.0, 5.0)
+    controls.release("left")
+    moves = tool == "joints"
+    assert np.array_equal(chain.skeleton.tails[1], joint) is not moves
+    assert scene.posing.drives is not moves
+    if moves:
+        at = pixel_of(controls, chain.skeleton.tails[1])
+        assert at == pytest.approx(np.add(start, [30.0, 15.0]), abs=0.1)
+
+
 def test_delete_takes_the_chosen_joint(controls, scene, chain):
     assert controls.bones.delete()
     assert chain.bone_count == 1 and chain.selected is None
