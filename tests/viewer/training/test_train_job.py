@@ -140,9 +140,10 @@ def test_a_folder_that_is_dropped_is_trained_and_its_model_shown(
     assert isinstance(app.dialog, TrainOffer) and app.dialog.data == photos
     offer = app.dialog
     train_job.begin_job(app)
+    job = app.train_job
     assert app.dialog is None
-    app.run(app.frame_count + 1)
-    ended(app.train_job)
+    app.run(app.frame_count + 1)  # which may see its end
+    ended(job)
     app.run(app.frame_count + 3)
     assert app.train_job is None
     assert app.scene.name == offer.output.stem and Path(app.preferences.recent[0]) == offer.output
