@@ -6,12 +6,15 @@ import signal
 from fuzzing.models import small_models
 
 from deformrf.core.field import load
+from deformrf.viewer.input.constraints import MOVE, SCALE, TURN
 from deformrf.viewer.sessions import left_behind, load_session
 
 from .kinds import Fault, Kind, Signals
 from .process import Job, command
 
 FRAMES, EVERY = 30, 8  # a session is saved in every so many frames
+GESTURE = 5  # frames of a drag by the gizmo's keys
+KINDS = MOVE, TURN, SCALE
 COUNT = "kept"  # a file beside the sessions: how many edits the autosave had at least
 
 
@@ -31,6 +34,7 @@ def view(folder, *arguments):
         def edited(*inputs, **options):
             number = app.frame_count
             app.scene.body.set_material(damping=1.0 + number % 7)
+            use_gizmo(app, number)
             frame(*inputs, **options)
             if app.autosave is not None and app.autosave.path.exists():
                 os.pwrite(note, b"%8d" % len(app.scene.journal.events), 0)
@@ -43,6 +47,20 @@ def view(folder, *arguments):
 
     viewer._open = opened
     command("view", *arguments)
+
+
+def use_gizmo(app, number):
+    """A gesture of a few frames: points are selected, dragged by a number along an axis, let go."""
+    controls, handles = app.controls, app.scene.handles
+    gesture, turn = divmod(number, GESTURE)
+    if turn == 0:
+        handles.select(handles.control_ids[gesture % 3 :: 3])
+        controls.turn_into(KINDS[gesture % 3])
+        controls.along(gesture % 3)
+    elif turn == GESTURE - 1:
+        controls.finish()
+    else:
+        controls.type(str(turn % 10))
 
 
 class Sessions(Kind):
