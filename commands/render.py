@@ -224,7 +224,7 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
     chosen = replace(chosen, model=chosen_model(chosen.model, chosen.demo))
     size = check(chosen)
     refuse_data(chosen.model)
-    from ..viewer.sessions import open_session
+    from ..viewer.document import open_session
     from ..viewer.window import open_window
 
     field = with_size(fields.load(chosen.model), chosen.object_size)
@@ -257,8 +257,8 @@ def _film_of(scene, chosen, session):
     Raises:
         ValueError or OSError: A file doesn't allow it.
     """
+    from ..viewer.document import TICKS_PER_SECOND
     from ..viewer.films import Film, clip_session, load_camera_path, strike, with_timeline
-    from ..viewer.timeline import TICKS_PER_SECOND
 
     path = ()
     if chosen.camera is not None:
@@ -289,8 +289,8 @@ def _film_of(scene, chosen, session):
 
 def _film(app, film, chosen, most):
     """Render all frames; returns the exit code."""
+    from ..viewer.document import Patience, SessionError
     from ..viewer.films import FilmMaker, FilmOptions
-    from ..viewer.sessions import Patience, SessionError
 
     handles = chosen.show_handles or not (chosen.hide_handles or chosen.session is None)
     options = FilmOptions(chosen.samples, chosen.shutter, chosen.transparent, handles, chosen.mode)

@@ -236,7 +236,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     field = with_size(fields.load(chosen.model), chosen.object_size)
     opened = None
     if chosen.session is not None:
-        from ..viewer.sessions import open_session
+        from ..viewer.document import open_session
 
         opened = open_session(chosen.session, field, chosen.model)
         field, chosen = opened.field, replace(chosen, model=opened.source)

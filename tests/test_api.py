@@ -13,8 +13,7 @@ from PIL import Image
 
 from deformrf.core.field import load
 from deformrf.core.render import look_at
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import save_session, start_of
+from deformrf.viewer.document import Scene, save_session, start_of
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -15,6 +15,7 @@ from pyglet.window import key
 
 from . import logs, panels, playing, preferences, questions, showing
 from .camera import Covered, clip_range
+from .document import Autosave, Session, Strip, autosave_folder
 from .events import state_of
 from .files import Problem, open_asked
 from .films import Recorder, Takes, without_background
@@ -23,8 +24,6 @@ from .layers import (
     Canvas,
     PhotoLayer,
 )
-from .sessions import Autosave, Session, autosave_folder
-from .timeline import Strip
 from .times import FrameTimes
 from .training import follow_job, offer_of
 

@@ -16,7 +16,7 @@ from ..core.base import shipped_kernels
 from ..core.base.device import thread_count
 from ..core.deform import TIME_STEP
 from ..wings.rig import Skinner
-from .scene import Scene, visible_points
+from .document import Scene, visible_points
 
 STAGES = ("kernels", "networks and tables", "the surface, from eight sides", "the solver")
 

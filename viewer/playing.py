@@ -9,9 +9,17 @@ import time
 from pyglet.window import key
 
 from . import panels
+from .document import (
+    Patience,
+    Player,
+    Session,
+    begin_anew,
+    open_session,
+    play_patiently,
+    start_of,
+    unless_it_fails,
+)
 from .files import show_model
-from .history import begin_anew, unless_it_fails
-from .sessions import Patience, Player, Session, open_session, play_patiently, start_of
 
 SILENT_SECONDS = 0.2  # between two pictures of how far it is
 ANSWER_SECONDS = 0.05  # between two pictures of the question

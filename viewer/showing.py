@@ -5,10 +5,10 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 from . import panels, preferences
+from .document import autosave_folder, left_behind, start_of
 from .input import Controls, Fly
 from .layers import BoneLayer, HandleLayer, MeshLayer, RadianceLayer, choose_path
 from .loading import Progress, prepare
-from .sessions import autosave_folder, left_behind, start_of
 
 
 def load(app, field, name: str, device: str, interop: str = "auto") -> None:

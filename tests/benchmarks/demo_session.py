@@ -17,8 +17,8 @@ import numpy as np
 from deformrf.core.base import paths
 from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
+from deformrf.viewer.document import save_session, start_of
 from deformrf.viewer.loading import Progress, prepare
-from deformrf.viewer.sessions import save_session, start_of
 
 SECONDS = 10.0
 FPS = 60

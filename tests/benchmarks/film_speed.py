@@ -41,8 +41,7 @@ def parsed():
 def swinging(field, device, ticks, folder):
     """A session in which the object is dragged, let go, and seen from all around."""
     from deformrf.viewer.camera import orbit as orbits
-    from deformrf.viewer.scene import Scene
-    from deformrf.viewer.sessions import load_session, save_session, start_of
+    from deformrf.viewer.document import Scene, load_session, save_session, start_of
 
     scene = Scene(field, "film", device)
     start, vertex = start_of(scene), int(scene.handles.control_ids[0])

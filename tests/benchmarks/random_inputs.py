@@ -21,11 +21,9 @@ from random_hands import Inputs
 
 from deformrf.core.base.paths import BUNDLED
 from deformrf.core.field import load
+from deformrf.viewer.document import Player, Scene, begin_anew, load_session, save_session
 from deformrf.viewer.events import EventLog
-from deformrf.viewer.history import begin_anew
 from deformrf.viewer.memory import resident_bytes
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import Player, load_session, save_session
 from deformrf.viewer.window import open_window
 
 SESSION = 2000  # inputs

@@ -30,8 +30,7 @@ from fuzzing.models import small_models
 from point_caches import write_cache
 
 from deformrf.core import field as fields
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import save_session, start_of
+from deformrf.viewer.document import Scene, save_session, start_of
 from deformrf.wings import rig as rigs
 
 RUN = """

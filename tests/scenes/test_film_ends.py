@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import save_session, start_of
+from deformrf.viewer.document import Scene, save_session, start_of
 
 
 def frames_of(path):

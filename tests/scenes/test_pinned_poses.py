@@ -6,7 +6,7 @@ import pytest
 from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load
-from deformrf.viewer.scene import EARTH, Scene
+from deformrf.viewer.document import EARTH, Scene
 
 
 @pytest.fixture(scope="module")

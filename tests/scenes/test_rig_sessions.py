@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 from random_hands import use
 
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import Player, SessionError, load_session, save_session, start_of
+from deformrf.viewer.document import (
+    Player,
+    Scene,
+    SessionError,
+    load_session,
+    save_session,
+    start_of,
+)
 from deformrf.wings import rig
 
 

@@ -5,8 +5,7 @@ import pytest
 
 from deformrf.core.base.paths import ASSETS, DEFAULT_MODEL, ROOT
 from deformrf.core.field import load
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import Player, load_session
+from deformrf.viewer.document import Player, Scene, load_session
 
 SESSIONS = sorted(p for folder in (ASSETS, ROOT / "docs") for p in folder.rglob("*.jsonl"))
 

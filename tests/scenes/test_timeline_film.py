@@ -10,9 +10,8 @@ import pytest
 
 from deformrf.commands import render as render_command
 from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.document import Scene, SessionError, load_session, save_session, start_of
 from deformrf.viewer.films import Film, with_timeline
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import SessionError, load_session, save_session, start_of
 
 
 @pytest.fixture

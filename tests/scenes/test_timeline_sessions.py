@@ -8,17 +8,17 @@ import pytest
 from random_hands import use
 
 from deformrf.viewer.camera import orbit as orbits
-from deformrf.viewer.films import Film
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import (
+from deformrf.viewer.document import (
     Player,
+    Scene,
     SessionError,
     load_session,
     save_session,
     start_of,
 )
-from deformrf.viewer.sessions.session import append_events
-from deformrf.viewer.timeline import keys as k
+from deformrf.viewer.document.sessions.session import append_events
+from deformrf.viewer.document.timeline import keys as k
+from deformrf.viewer.films import Film
 
 
 @pytest.fixture
@@ -185,7 +185,7 @@ def test_a_camera_that_stands_until_the_timeline_plays_stands_in_films(ball, sce
 
 def test_a_session_that_could_not_be_read_is_not_written(ball, scene, tmp_path, monkeypatch):
     start, path = start_of(scene), tmp_path / "s.jsonl"
-    monkeypatch.setattr("deformrf.viewer.sessions.session.MOST_EVENTS", 4)
+    monkeypatch.setattr("deformrf.viewer.document.sessions.session.MOST_EVENTS", 4)
     for on in (True, False, True):
         scene.timeline.set_loop(on)
     load_session(save_session(scene, start, path), ball)

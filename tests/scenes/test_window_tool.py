@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from xwindow import LiveViewer, missing_tools, screen
 
-from deformrf.viewer.sessions import load_session
+from deformrf.viewer.document import load_session
 
 pytestmark = [pytest.mark.e2e, pytest.mark.gl]
 SIZE = 1000, 700

@@ -12,11 +12,9 @@ from deformrf.core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
 from deformrf.core.deform import Material
 from deformrf.core.render import MODES
 from deformrf.viewer.camera import CLOSEST, FARTHEST
-from deformrf.viewer.history import EDITS
-from deformrf.viewer.scene import MAX_STEPS
-from deformrf.viewer.sessions.session_values import ANY_NAMES, ARGUMENTS, is_good
+from deformrf.viewer.document import EASINGS, EDITS, MAX_STEPS, MOTIONS, TRACKS, WEIGHTS
+from deformrf.viewer.document.sessions.session_values import ANY_NAMES, ARGUMENTS, is_good
 from deformrf.viewer.settings import HANDS, SURFACES
-from deformrf.viewer.timeline import EASINGS, MOTIONS, TRACKS, WEIGHTS
 from deformrf.wings.rig import METHODS, MOST_BONES
 
 NAMES = "a", "b", "Run"

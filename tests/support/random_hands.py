@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from deformrf.viewer.camera import Covered, Orbit, camera_of, in_free_part, project
+from deformrf.viewer.document import rotation_matrix
 from deformrf.viewer.input import inputs_of
 from deformrf.viewer.input.inputs import ALT, CTRL, LEFT, MIDDLE, RIGHT, SHIFT
-from deformrf.viewer.scene import rotation_matrix
 
 MODIFIERS = {"CTRL": CTRL, "ALT": ALT, "SHIFT": SHIFT}
 # What would leave the scene, write a file, or open a dialog that has the keys.

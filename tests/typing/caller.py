@@ -101,8 +101,8 @@ from deformrf.core.training import (
     preset,
     train,
 )
+from deformrf.viewer.document import Session, SessionError, load_session, poses
 from deformrf.viewer.files import SurfaceMesh, save_surface, surface_of, with_colors
-from deformrf.viewer.sessions import Session, SessionError, load_session, poses
 from deformrf.wings.capture import Capture, CaptureError, find_cameras, frames_of_video
 from deformrf.wings.rig import (
     MESH_ENDINGS,

@@ -432,7 +432,7 @@ def test_closing_the_window_ends_the_loop(bare):
 
 
 def test_while_thin_parts_are_fitted_time_stands_and_it_is_said(app, monkeypatch):
-    from deformrf.viewer.scene import Scene
+    from deformrf.viewer.document import Scene
 
     monkeypatch.setattr(Scene, "waits", True)
     scene = app.scene

@@ -5,9 +5,8 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from deformrf.viewer.history import Event
-from deformrf.viewer.sessions import Session, load_session, save_session
-from deformrf.viewer.sessions import autosave as a
+from deformrf.viewer.document import Event, Session, load_session, save_session
+from deformrf.viewer.document.sessions import autosave as a
 
 pytestmark = pytest.mark.gl
 
@@ -83,7 +82,7 @@ def test_what_takes_hours_is_asked_about(app, monkeypatch, answer):
     from pyglet.window import key
 
     from deformrf.viewer import panels
-    from deformrf.viewer.sessions import player
+    from deformrf.viewer.document.sessions import player
 
     monkeypatch.setattr(player, "SURE_SECONDS", 0.0)
     monkeypatch.setattr(player, "LONG", 0.0)

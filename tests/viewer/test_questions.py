@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from asking_app import click, frames, opened, places_of_buttons, press, quit_by, send
 
+from deformrf.viewer.document import autosave_folder, left_behind, load_session, save_session
 from deformrf.viewer.films.film_job import FilmChoices
-from deformrf.viewer.sessions import autosave_folder, left_behind, load_session, save_session
 
 pytestmark = pytest.mark.gl
 
@@ -132,7 +132,7 @@ def test_a_drag_that_is_saved_in_its_middle_is_not_saved(app):
 
 
 def test_steps_that_are_forgotten_are_unsaved(app, monkeypatch):
-    from deformrf.viewer.history import journal
+    from deformrf.viewer.document.history import journal
 
     monkeypatch.setattr(journal, "FEWEST_STEPS", 2)
     monkeypatch.setattr(journal, "MOST_BYTES", 0)

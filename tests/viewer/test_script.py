@@ -7,7 +7,7 @@ import pytest
 
 from deformrf.core.base.paths import ROOT
 from deformrf.viewer import script
-from deformrf.viewer.scene import Scene
+from deformrf.viewer.document import Scene
 
 
 def test_a_drag_is_a_vertex_and_an_offset():
@@ -65,7 +65,7 @@ def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_ca
     from deformrf.core.base.paths import DEFAULT_MODEL
     from deformrf.core.field import modelfile
     from deformrf.core.render import Renderer
-    from deformrf.viewer.scene import visible_points
+    from deformrf.viewer.document import visible_points
 
     text = re.search(r"^DEMO_DRAG \?= (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1]
     assert text.startswith("top:")

@@ -15,7 +15,7 @@ from ...core.base.streams import printable
 from ...core.training import has_cameras, photo_folder
 from ...wings import capture
 from .. import logs
-from ..sessions import open_session
+from ..document import open_session
 from .dialogs import FileDialog, Problem
 
 MODEL, SESSION = ".npz", ".jsonl"

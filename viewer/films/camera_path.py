@@ -23,7 +23,7 @@ from ...core.base.reading import read_text
 from ...core.base.streams import printable, shown
 from ...core.render import in_space, look_at
 from ..camera import CLOSEST, FARTHEST, Orbit, facing
-from ..timeline import TICKS_PER_SECOND, CameraKey
+from ..document import TICKS_PER_SECOND, CameraKey
 from .sight import fit, sight_of
 
 MOST_KEYS = 10_000

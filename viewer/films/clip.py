@@ -3,9 +3,7 @@
 import math
 
 from ...core.deform import TIME_STEP
-from ..history import Event
-from ..sessions import KEY, Session, SessionError, start_of
-from ..timeline import TICKS_PER_SECOND
+from ..document import KEY, TICKS_PER_SECOND, Event, Session, SessionError, start_of
 
 SETTLED = 1  # times that a soft clip is played before the film begins, so that it repeats
 

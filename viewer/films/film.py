@@ -13,9 +13,17 @@ import numpy as np
 
 from ...core.render import Camera
 from ..camera import Orbit, changed
-from ..history import begin_anew
-from ..sessions import Patience, Player, Session, SessionError, play_patiently
-from ..timeline import TICKS_PER_SECOND, CameraKey, orbit_at
+from ..document import (
+    TICKS_PER_SECOND,
+    CameraKey,
+    Patience,
+    Player,
+    Session,
+    SessionError,
+    begin_anew,
+    orbit_at,
+    play_patiently,
+)
 from .sight import seen_by, without_lens
 
 ROUNDING = 1e-6  # ticks

@@ -10,8 +10,8 @@ from ...core.base.arguments import plain_message
 from ...core.base.paths import free_name, working_folder
 from ...core.base.streams import printable
 from ...core.field import save
+from ..document import save_session
 from ..files import readable, save_surface
-from ..sessions import save_session
 from .video import PictureSeries, VideoWriter, save_png
 
 MESSAGE_SECONDS = 6.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.base.reading import check_file
-from ..sessions import FARTHEST_POINT, Player, load_session, play_patiently
+from ..document import FARTHEST_POINT, Player, load_session, play_patiently
 
 NAME = "vertices"  # of the array in an .npz file
 KINDS = "<f4", "<f8"

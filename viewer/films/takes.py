@@ -8,8 +8,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..sessions import SessionError, save_session
-from ..timeline import TICKS_PER_SECOND
+from ..document import TICKS_PER_SECOND, SessionError, save_session
 from .film_job import FilmChoices, FilmJob
 from .recorder import stamped
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...wings.rig import BonePose, reach, turned
 from ..camera import project, ray
-from ..rigging import HEAD, TAIL, Joint, Matter
+from ..document import HEAD, TAIL, Joint, Matter
 from .constraints import MOVE, SCALE, TURN, Constraint
 from .drags import BEHIND, is_ahead, miss_of
 from .gizmo import chosen_joint, is_root, own_axes

@@ -23,7 +23,7 @@ from ..camera import (
     within,
     zoomed,
 )
-from ..scene import MOST_ADDED
+from ..document import MOST_ADDED
 from ..settings import DELETING, OF_BONES, ORBIT_KEYS
 from . import drags
 from .bone_tool import BoneTool

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.field import subtet_corners, unpack_mask
 from ..camera import depth_at, project, within
-from ..scene import masks_of
+from ..document import masks_of
 from ..settings import DELETING
 
 BRUSH = DELETING[0]

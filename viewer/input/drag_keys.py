@@ -5,7 +5,7 @@ Pixels are the image's, x to the right, y down.
 
 import numpy as np
 
-from ..rigging import TAIL
+from ..document import TAIL
 from ..settings import OF_BONES
 from . import drags
 from .constraints import LONGEST_NUMBER, MOVE, SCALE, TURN, number_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..camera import project
-from ..scene import Motion, rotation_matrix, rotation_vector, stretched
+from ..document import Motion, rotation_matrix, rotation_vector, stretched
 from .constraints import MOVE, NEAR, TURN, Constraint
 
 SCALE_PER_POINT = 1.0 / 150.0  # of the logarithm, if the press was near the center

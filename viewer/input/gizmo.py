@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from ..camera import pixels_per_unit, project, within
-from ..rigging import HEAD
+from ..document import HEAD
 from ..settings import OF_BONES
 from .constraints import MOVE, SCALE, TURN
 

@@ -1,7 +1,6 @@
 """Actions on bones and clips."""
 
-from ..rigging import TAIL
-from ..scene import clean_name
+from ..document import TAIL, clean_name
 from .timeline_actions import delete_key
 
 NO_BONES = "there are no bones yet: J places joints"

@@ -1,8 +1,7 @@
 """Actions on the timeline: keys, the playhead, what plays."""
 
 from ..camera import values_of
-from ..scene import clean_name
-from ..timeline import TICKS_PER_SECOND, as_time
+from ..document import TICKS_PER_SECOND, as_time, clean_name
 
 NO_KEYS = "there are no keys yet: K sets one at the playhead"
 

@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 
 from ..camera import pose_of
-from ..rigging import ENDS, LOOSE, MOST_JOINTS, joint_mask
+from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
 from . import gl
 from .handle_layer import SPHERE_FLOATS
 

@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from ..camera import pose_of
-from ..scene import MOST_ADDED, MOST_POINTS
+from ..document import MOST_ADDED, MOST_POINTS
 from . import gl
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)

@@ -6,8 +6,8 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP, Material
+from ..document import EARTH
 from ..layers import line_spacing
-from ..scene import EARTH
 from ..settings import DELETING, GRAB_RADII, TOOLS
 from .gizmo import gizmo_switch
 from .widgets import LOGARITHMIC, button, checkbox, combo, number_setting, setting, slider, with_key

@@ -5,8 +5,8 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ...wings.rig import METHODS
+from ..document import SPEEDS
 from ..input import bone_line, name_bone, rest_bone
-from ..rigging import SPEEDS
 from .widgets import button, checkbox, combo, setting, slider, with_key
 
 SOFTNESS = """0: bones move all of the object;

@@ -4,8 +4,7 @@ from functools import partial
 
 from imgui_bundle import imgui
 
-from ..input import delete_key
-from ..timeline import (
+from ..document import (
     EASINGS,
     LONGEST,
     MOTIONS,
@@ -16,6 +15,7 @@ from ..timeline import (
     as_time,
     shown_ticks,
 )
+from ..input import delete_key
 from .widgets import button, checkbox, combo, slider, with_key
 
 STRIP_HEIGHT = 144.0

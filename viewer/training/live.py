@@ -21,8 +21,8 @@ from dataclasses import dataclass, replace
 from ...core.field import TetField
 from ...core.render import Renderer
 from ...core.training import Pause, Trained
+from ..document import Scene
 from ..loading import Progress, prepare
-from ..scene import Scene
 
 log = logging.getLogger(__name__)
 

@@ -117,7 +117,8 @@ def lens_of_the_root():
 
 def rest_without_bones():
     """The edit "rest_bones" of a model without bones, and errors that come through."""
-    posing, player = module("viewer.rigging.posing"), module("viewer.sessions.player")
+    posing = module("viewer.document.rigging.posing")
+    player = module("viewer.document.sessions.player")
 
     def rest_bones(self, bones):
         return self._rigging.skeleton.rest_pose
@@ -146,7 +147,7 @@ def a_day_at_once():
                     self.scene.tick()
         return True
 
-    module("viewer.sessions.player").Player.play_to = play_to
+    module("viewer.document.sessions.player").Player.play_to = play_to
 
 
 def keys_without_end():

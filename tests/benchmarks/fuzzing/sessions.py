@@ -14,17 +14,18 @@ from random_edits import random_events
 
 from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.field import load
-from deformrf.viewer.films import Film, with_timeline
-from deformrf.viewer.history import begin_anew, unless_it_fails
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import (
+from deformrf.viewer.document import (
     Player,
+    Scene,
     SessionError,
+    begin_anew,
     left_behind,
     load_session,
     save_session,
     start_of,
+    unless_it_fails,
 )
+from deformrf.viewer.films import Film, with_timeline
 
 from .damage import with_text, with_values
 from .models import small_models

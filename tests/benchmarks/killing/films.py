@@ -4,8 +4,7 @@ import av
 from fuzzing.models import small_models
 
 from deformrf.core.field import load
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import save_session, start_of
+from deformrf.viewer.document import Scene, save_session, start_of
 
 from .kinds import Fault, OneFile, Signals
 from .process import Job

@@ -26,7 +26,7 @@ PRELOADED = [
     "deformrf.commands.view",
     "deformrf.commands.render",
     "deformrf.commands.train",
-    "deformrf.viewer.sessions",
+    "deformrf.viewer.document.sessions",
 ]
 PATIENCE = 120.0  # s that a run may take, and that the answer to a signal may take
 EVENTS = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}

@@ -6,8 +6,8 @@ import signal
 from fuzzing.models import small_models
 
 from deformrf.core.field import load
+from deformrf.viewer.document import left_behind, load_session
 from deformrf.viewer.input.constraints import MOVE, SCALE, TURN
-from deformrf.viewer.sessions import left_behind, load_session
 
 from .kinds import Fault, Kind, Signals
 from .process import Job, command
@@ -22,7 +22,7 @@ def view(folder, *arguments):
     """deformrf view, with a hand that edits in each frame, and an autosave that is due in each."""
     os.environ["XDG_STATE_HOME"] = str(folder)
     from deformrf.commands import view as viewer
-    from deformrf.viewer.sessions import autosave
+    from deformrf.viewer.document.sessions import autosave
 
     autosave.SECONDS, autosave.SHARE = 0.0, 1e9
     original, note = viewer._open, os.open(folder.parent / COUNT, os.O_WRONLY | os.O_CREAT, 0o644)

@@ -285,8 +285,8 @@ import numpy
 from deformrf.core.field import modelfile
 from deformrf.wings.lab.omissions import starts
 from deformrf.viewer.films.film_job import FilmJob
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import save_session, start_of
+from deformrf.viewer.document import Scene
+from deformrf.viewer.document import save_session, start_of
 from deformrf.viewer.training import TrainJob, offer_of
 
 model, out = map(Path, sys.argv[1:])

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
+from deformrf.viewer.document import load_session, save_session
 from deformrf.viewer.files import FileDialog, Problem
-from deformrf.viewer.sessions import load_session, save_session
 
 pytestmark = pytest.mark.gl
 

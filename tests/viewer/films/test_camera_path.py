@@ -12,9 +12,9 @@ from posed_data import PHONE, circle, transforms, write_frames
 from deformrf.core.render import Camera, camera_rays, in_space, look_at
 from deformrf.core.training import load_dataset
 from deformrf.viewer.camera import orbit as orbits
+from deformrf.viewer.document import orbit_at
 from deformrf.viewer.films import Film, load_camera_path
 from deformrf.viewer.films.camera_path import CameraPathError
-from deformrf.viewer.timeline import orbit_at
 
 CENTER, UNCHANGED = np.full(3, 0.5), np.eye(4)
 PLACE = {"position": [2.0, 0.0, 1.0], "target": [0.5, 0.5, 0.4]}

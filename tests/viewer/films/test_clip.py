@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from deformrf.commands import render as render_command
+from deformrf.viewer.document import Scene, SessionError
 from deformrf.viewer.films import Film, clip_session
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import SessionError
 from deformrf.wings import rig
 
 

@@ -13,10 +13,9 @@ from PIL import Image
 from deformrf.commands import render as render_command
 from deformrf.viewer.camera import Orbit
 from deformrf.viewer.camera import camera_of as camera_of
+from deformrf.viewer.document import Event, Session, save_session, start_of
 from deformrf.viewer.films import Film
 from deformrf.viewer.films.film import Views, between, frame_count, turned_around
-from deformrf.viewer.history import Event
-from deformrf.viewer.sessions import Session, save_session, start_of
 
 
 def views(*events):
@@ -63,8 +62,7 @@ def test_a_film_shows_its_beginning_and_its_end(seconds, fps, frames):
 @pytest.fixture
 def played(ball, recorded):
     """A function that makes a Film of the recorded session, on a scene of its own."""
-    from deformrf.viewer.scene import Scene
-    from deformrf.viewer.sessions import load_session
+    from deformrf.viewer.document import Scene, load_session
 
     session = load_session(recorded[1], ball)
     return lambda fps: Film(Scene(ball, "ball", "cpu"), session, fps)
@@ -176,7 +174,7 @@ def frames_of(path):
 def recorded(ball, tmp_path):
     """A scene after a drag with a turning camera, and its session."""
     from deformrf.viewer.camera import orbit as orbits
-    from deformrf.viewer.scene import Scene
+    from deformrf.viewer.document import Scene
 
     scene = Scene(ball, "ball", "cpu")
     scene.settings.grab_radius, scene.settings.show_handles = 0.3, False
@@ -304,8 +302,8 @@ def test_a_material_changes_how_a_session_moves_the_object(recorded, ball_file, 
 
 @pytest.mark.gl
 def test_strain_with_its_legend_and_the_ground_are_in_a_film(ball, ball_file, tmp_path):
+    from deformrf.viewer.document import Scene
     from deformrf.viewer.layers.colormaps import COLORS
-    from deformrf.viewer.scene import Scene
 
     scene = Scene(ball, "ball", "cpu")
     start = start_of(scene)

@@ -6,10 +6,9 @@ import zipfile
 import numpy as np
 import pytest
 
+from deformrf.viewer.document import Scene, save_session, start_of
 from deformrf.viewer.films import strike
 from deformrf.viewer.films.still import PoseError, load_vertices
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import save_session, start_of
 
 
 @pytest.fixture

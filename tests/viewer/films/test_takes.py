@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
+from deformrf.viewer.document import Session, load_session
 from deformrf.viewer.films import film_job
 from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
 from deformrf.viewer.input import ACTIONS
-from deformrf.viewer.sessions import Session, load_session
 
 pytestmark = pytest.mark.gl
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from deformrf.core.deform import TIME_STEP
+from deformrf.viewer.document import Scene
 from deformrf.viewer.input import action_of
 from deformrf.viewer.input import actions as a
 from deformrf.viewer.input import controls as c
-from deformrf.viewer.scene import Scene
 
 
 @pytest.fixture

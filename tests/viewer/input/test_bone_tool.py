@@ -5,8 +5,8 @@ import pytest
 
 from deformrf.core.render import Renderer
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import Scene
 from deformrf.viewer.input.constraints import TURN
-from deformrf.viewer.scene import Scene
 
 
 @pytest.fixture

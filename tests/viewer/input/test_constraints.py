@@ -7,9 +7,9 @@ import pytest
 from random_hands import random_axes, random_camera
 
 from deformrf.viewer.camera import project, ray
+from deformrf.viewer.document import rotation_matrix
 from deformrf.viewer.input import constraints
 from deformrf.viewer.input.constraints import Constraint, number_of, on_axis, on_plane, unwound
-from deformrf.viewer.scene import rotation_matrix
 
 
 def test_numbers_are_what_python_takes_them_for_however_they_are_typed():

@@ -5,9 +5,9 @@ import pytest
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import Scene
 from deformrf.viewer.events import displacements
 from deformrf.viewer.input import controls as c
-from deformrf.viewer.scene import Scene
 
 SIZE = 320, 240
 

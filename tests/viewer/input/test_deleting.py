@@ -6,11 +6,11 @@ import pytest
 from deformrf.core.field import SUBTET_COUNT, subtet_middles, unpack_mask
 from deformrf.core.render import Renderer
 from deformrf.viewer.camera import project
-from deformrf.viewer.history import state_of as whole_state
-from deformrf.viewer.history.undo import _same
+from deformrf.viewer.document import Scene, masks_of
+from deformrf.viewer.document import state_of as whole_state
+from deformrf.viewer.document.history.undo import _same
 from deformrf.viewer.input import deleting as d
 from deformrf.viewer.input.controls import CTRL, SHIFT
-from deformrf.viewer.scene import Scene, masks_of
 
 
 def state_of(scene):

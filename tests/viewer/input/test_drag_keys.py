@@ -7,9 +7,15 @@ import pytest
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.camera import project
+from deformrf.viewer.document import (
+    Player,
+    Scene,
+    load_session,
+    rotation_matrix,
+    save_session,
+    start_of,
+)
 from deformrf.viewer.input import inputs
-from deformrf.viewer.scene import Scene, rotation_matrix
-from deformrf.viewer.sessions import Player, load_session, save_session, start_of
 
 KINDS = "move", "turn", "scale"
 

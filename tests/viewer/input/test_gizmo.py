@@ -5,8 +5,8 @@ import pytest
 from random_hands import random_axes, random_camera
 
 from deformrf.viewer.camera import pixels_per_unit, project
+from deformrf.viewer.document import Scene
 from deformrf.viewer.input import gizmo as g
-from deformrf.viewer.scene import Scene
 
 
 def random_gizmo(random, kind):

@@ -7,10 +7,9 @@ import pytest
 from deformrf.core.base.paths import SHADERS
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import LOOSE, Scene
 from deformrf.viewer.layers import BoneLayer, Canvas, gl
 from deformrf.viewer.layers.bone_layer import CHOSEN, VERTICES, bone_instances, joint_spheres
-from deformrf.viewer.rigging import LOOSE
-from deformrf.viewer.scene import Scene
 
 SIZE = 400, 300
 

@@ -8,9 +8,9 @@ import pytest
 from deformrf.core.render import Renderer
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import Scene
 from deformrf.viewer.layers import Canvas, RadianceLayer, line_spacing
 from deformrf.viewer.layers.ground_plane import CELLS, MOST_POINTS, occupied_middles, shadow
-from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 
 SIZE = 400, 300

@@ -8,9 +8,9 @@ import pytest
 from deformrf.core.render import Renderer
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import ControlPoints, Scene
 from deformrf.viewer.layers import Canvas, HandleLayer, RadianceLayer
 from deformrf.viewer.layers.handle_layer import PIN_SCALE, YELLOW, sphere_instances
-from deformrf.viewer.scene import ControlPoints, Scene
 from deformrf.viewer.times import FrameTimes
 
 SIZE = 400, 300

@@ -17,11 +17,11 @@ from deformrf.core.render import (
 )
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import Scene
 from deformrf.viewer.layers import SAMPLE_COUNT, Canvas, RadianceLayer, resolution
 from deformrf.viewer.layers.gl import depth_terms
 from deformrf.viewer.layers.radiance_layer import CHECKER_SIZE, REST_SECONDS
 from deformrf.viewer.layers.resolution import CPU_LADDER, SMALL
-from deformrf.viewer.scene import Scene
 from deformrf.viewer.times import FrameTimes
 
 pytestmark = pytest.mark.gl

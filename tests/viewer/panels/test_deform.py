@@ -147,7 +147,7 @@ def test_a_rescue_and_its_failure_are_said(panel):
 
 
 def test_boxes_switch_what_surrounds_the_object(panel):
-    from deformrf.viewer.scene import EARTH
+    from deformrf.viewer.document import EARTH
 
     for label, call in (
         ("gravity", EARTH),

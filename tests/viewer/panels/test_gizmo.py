@@ -8,8 +8,7 @@ from xwindow import LiveViewer, missing_tools, screen
 
 from deformrf.core.base.paths import BUNDLED
 from deformrf.viewer import preferences
-from deformrf.viewer.scene import Scene
-from deformrf.viewer.sessions import Player, load_session, save_session
+from deformrf.viewer.document import Player, Scene, load_session, save_session
 
 pytestmark = pytest.mark.gl
 

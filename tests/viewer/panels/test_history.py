@@ -2,8 +2,8 @@
 
 import pytest
 
-from deformrf.viewer.history import Journal
-from deformrf.viewer.history.journal import Step
+from deformrf.viewer.document import Journal
+from deformrf.viewer.document.history.journal import Step
 
 pytestmark = pytest.mark.gl
 

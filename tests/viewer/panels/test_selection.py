@@ -7,9 +7,9 @@ import pytest
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.camera import picking
+from deformrf.viewer.document import Motion, Scene, rotation_matrix, rotation_vector
 from deformrf.viewer.input import constraints
 from deformrf.viewer.input import controls as c
-from deformrf.viewer.scene import Motion, Scene, rotation_matrix, rotation_vector
 from deformrf.viewer.settings import GRAB_RADII
 
 SIZE = 320, 240

@@ -1,0 +1,1 @@
+"""The object in the hand, without a window: its body, handles, grabs and saved views."""

@@ -1,0 +1,501 @@
+"""Handles: the control points and pins that the mouse can take, and what it holds.
+
+Handles have ids: a number below V is a vertex, V + c is control point c.  Any of them can be
+grabbed, alone or with others that are selected, and pinned with what is around it.
+"""
+
+import math
+
+import numpy as np
+
+from ....core.deform import vertices_within
+from ...settings import GRAB_RADII
+from ..history.journal import edit
+from .grabs import Grab, Motion, soft_springs
+from .points import ControlPoints, located, placed
+from .viewpoint import clean_name
+
+PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls are weak
+MOST_ADDED = 1000  # points that a user can add
+
+
+class Handles:
+    """What of a scene can be taken hold of, and is.
+
+    Attributes:
+        points: The control points, those that were added behind those of the start.
+        hover: The handle under the mouse, or None.
+        selected: Handles that move together, in the order in which they were chosen.
+        hidden: Handles that are neither drawn nor taken.
+        names: That the user gave, by handle.
+        grabbed: The drag in progress, or None.
+        patches: A number for the vertices that were pinned together; 0: none.  [V]
+    """
+
+    def __init__(self, scene, surface):
+        """Take a scene, and points of its surface at rest [N, 3]."""
+        self._scene = scene
+        self.journal = None  # of the scene, once it has one
+        mesh = scene.field.mesh
+        self.points = placed(surface, mesh.rest_vertices, mesh.tets, scene.size)
+        self.hover: int | None = None
+        self.selected: list[int] = []
+        self.hidden: list[int] = []
+        self.names: dict[int, str] = {}
+        self.grabbed: Grab | None = None
+        self.patches = np.zeros(mesh.vertex_count, int)
+        self._posed: tuple[int, ...] = ()
+
+    # -- where they are ------------------------------------------------------------------
+
+    def at(self, ids, positions=None):
+        """Where these handles are, for the vertices' positions [V, 3] or now.  [len(ids), 3]"""
+        positions = self._scene.positions if positions is None else positions
+        ids, count = np.asarray(ids, int), len(positions)
+        places = positions[np.where(ids < count, ids, 0)].astype(float)
+        of_points = ids >= count
+        if of_points.any():
+            places[of_points] = self.points.at(positions)[ids[of_points] - count]
+        return places
+
+    def exists(self, handle: int) -> bool:
+        return 0 <= handle < len(self._scene.pins) + len(self.points)
+
+    @property
+    def control_ids(self):
+        """What can be dragged: points that are not pinned, freed pins, and what is posed."""
+        pins, pinned, near = self._scene.pins, self._scene.solver.pinned, self._scene.near
+        free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._scene.cuts.points_left())
+        freed = near[pins[near] & ~pinned[near] & pinned.any()]
+        ids = np.concatenate([len(pins) + free, freed])
+        ids = np.append(ids, [one for one in self.posed if one not in ids]).astype(int)
+        return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
+
+    @property
+    def pin_ids(self):
+        """The pins that are drawn: those by the surface."""
+        near = self._scene.near
+        return near[self._scene.solver.pinned[near] & ~self._posed_vertices[near]]
+
+    @property
+    def posed(self) -> tuple[int, ...]:
+        """Handles that stay where a hand has left them in *Pose*.
+
+        Their patches are pinned, until they are dragged again, or let go by a click or a reset.
+        """
+        pinned = self._scene.solver.pinned
+        return tuple(one for one in self._posed if pinned[self.corners(one)].all())
+
+    @property
+    def _posed_vertices(self):
+        """Which vertices posed handles hold.  [V] bool"""
+        numbers = [self.patches[self.corners(one)].max() for one in self.posed]
+        return np.isin(self.patches, numbers) & (self.patches > 0)
+
+    def corners(self, handle: int):
+        """The vertices that a handle is made of.  [1 or 4] ids"""
+        count = len(self._scene.pins)
+        return np.array([handle]) if handle < count else self.points.corners[handle - count]
+
+    def factors(self, ids):
+        """Factors of the stiffness at these control points.  [len(ids)]"""
+        factors, chosen = self._scene.body.factors, np.asarray(ids) - len(self._scene.pins)
+        return self.points.share(factors)[chosen]
+
+    def patch(self, handle: int, radius: float):
+        """The vertices that go with a handle: its own, and those within a radius at rest.  [K]"""
+        rest = self._scene.field.mesh.rest_vertices
+        (center,) = self.at([handle], rest)
+        return np.union1d(self.corners(handle), vertices_within(rest, center, radius))
+
+    # -- selection -----------------------------------------------------------------------
+
+    def select(self, ids, how: str = "replace") -> None:
+        """Change what is selected: replace, add, remove, intersect, or toggle."""
+        ids, old = [int(one) for one in ids], self.selected
+        kept = [one for one in old if one not in ids]
+        new = [one for one in ids if one not in old]
+        self._select(
+            {
+                "replace": ids,
+                "add": old + new,
+                "remove": kept,
+                "intersect": [one for one in old if one in ids],
+                "toggle": kept + new,
+            }[how]
+        )
+
+    @edit("select")
+    def _select(self, ids):
+        self.selected = [one for one in ids if self.exists(one)]
+
+    def forget_deleted(self) -> None:
+        """Select and point at nothing that was deleted."""
+        left = {*self.control_ids.tolist(), *self.pin_ids.tolist()}
+        self.selected, self.hover = [one for one in self.selected if one in left], None
+        vertices, points = self._scene.cuts.vertices, self._scene.cuts.points_left()
+        there = np.concatenate([vertices, points])
+        self._posed = tuple(one for one in self._posed if there[one])
+
+    def hide(self) -> int:
+        """Hide the selected handles; returns how many that are."""
+        hidden = list(self.selected)
+        if hidden:
+            self._hide([*self.hidden, *hidden])
+            self._select([])
+        return len(hidden)
+
+    def unhide(self) -> None:
+        """Show all handles again."""
+        if self.hidden:
+            self._hide([])
+
+    @edit("hide", undo="hide points")
+    def _hide(self, ids):
+        self.hidden = sorted(set(ids))
+
+    def name(self, handle: int, text: str) -> None:
+        """Give a handle a name; an empty one takes it away."""
+        self._name(handle, clean_name(text))
+
+    @edit("name", undo="name", merges=True)
+    def _name(self, vertex, text):
+        self.names = {key: value for key, value in self.names.items() if key != vertex}
+        if text:
+            self.names[vertex] = text
+
+    def title(self, handle: int) -> str:
+        """What a handle is called."""
+        return self.names.get(handle, f"vertex {handle}")
+
+    @property
+    def size(self) -> float:
+        """The object's size [model units]."""
+        return self._scene.size
+
+    @property
+    def movable(self) -> list[int]:
+        """What is selected and can be dragged."""
+        free = set(self.control_ids.tolist())
+        return [one for one in self.selected if one in free]
+
+    @property
+    def takeable(self) -> list[int]:
+        """What is selected and can be taken by `grab_selected`: pins, too."""
+        takeable, hidden = set(self.control_ids.tolist()), set(self.hidden)
+        takeable |= {one for one in self.selected if self.is_pinned(one) and one not in hidden}
+        return [one for one in self.selected if one in takeable]
+
+    # -- a drag --------------------------------------------------------------------------
+
+    def grab(self, handle: int) -> None:
+        """Take hold of a handle and of what is around it; of all that is selected, if it is."""
+        others = [one for one in self.movable if one != handle]
+        radius, soft = self._scene.grab_radius, self._scene.settings.soft_grab
+        if handle in self.selected and others:
+            self._grab_several(handle, others, radius, soft)
+        else:
+            self._grab(handle, radius, soft)
+
+    def grab_selected(self) -> None:
+        """Take hold of all that is selected; pins are freed, and pinned again when let go."""
+        chosen = self.takeable
+        if len(chosen) == len(self.movable):
+            self.grab(chosen[0])
+            return
+        self._grab_pins(
+            chosen[0], chosen[1:], self._scene.grab_radius, self._scene.settings.soft_grab
+        )
+
+    @edit("grab_pins", undo="drag", begins=True)
+    def _grab_pins(self, vertex, others, radius, soft):
+        self._hold([vertex, *others], radius, soft, takes_pins=True)
+
+    @edit("grab", undo="drag", begins=True)
+    def _grab(self, vertex, radius, soft):
+        self._hold([vertex], radius, soft)
+
+    def grab_place(self, place) -> None:
+        """Take hold of the object at a place of its surface as it is now.  [3]"""
+        (corners,), (weights,) = self._located(place)
+        self._grab_place(corners, weights, self._scene.grab_radius, self._scene.settings.soft_grab)
+
+    @edit("grab_place", undo="drag", begins=True)
+    def _grab_place(self, corners, weights, radius, soft):
+        self._add_point(corners, weights)
+        self._hold([len(self._scene.pins) + len(self.points) - 1], radius, soft)
+        self.grabbed.passing = True
+
+    @edit("grab_several", undo="drag", begins=True)
+    def _grab_several(self, vertex, others, radius, soft):
+        self._hold([vertex, *others], radius, soft)
+
+    def _hold(self, handles, radius, soft, takes_pins=False):
+        if not all(map(self.exists, handles)):
+            raise ValueError(f"there is no handle {max(handles)}")
+        stood = self._scene.timeline.stands
+        self._scene.timeline.give_way()
+        solver = self._scene.solver
+        positions = solver.vertices.numpy().copy()
+        before = positions, solver.velocities.numpy().copy()
+        held_before = None
+        posed = set(handles) & set(self.posed)
+        pins = {one for one in handles if takes_pins and self.is_pinned(one)} - posed
+        if posed | pins:
+            held_before = solver.pinned.copy(), self.patches.copy()
+            self._free(posed | pins)
+        (start,) = self.at(handles[:1], positions)
+        yields = math.isfinite(self._scene.body.material.yield_strain)
+        lengths = solver.rest_lengths if yields else None
+        center = self.at(handles, positions).mean(axis=0)
+        motion = Motion(start, center - start)
+        self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths, stood)
+        self.grabbed.first_radius, self.grabbed.held_before = radius, held_before
+        self.grabbed.pins = sorted(pins)
+        self._attach(radius, positions)
+
+    def _attach(self, radius, positions):
+        """Hold what is within a radius of the handles, as it is now."""
+        grab, solver = self.grabbed, self._scene.solver
+        ids = np.unique(np.concatenate([self.patch(one, radius) for one in grab.handles]))
+        ids = ids[~solver.pinned[ids]]
+        if grab.soft:
+            rest = self._scene.field.mesh.rest_vertices
+            ids, springs = soft_springs(solver, self.at(grab.handles, rest), ids, radius)
+            self._scene.grip.grab(ids, *springs)
+        else:
+            self._scene.grip.grab(ids)
+        grab.ids, grab.radius = ids, radius
+        grab.offsets = grab.reached.undone(positions[ids])
+
+    def widen(self, factor: float) -> None:
+        """Hold more or less than until now, around the same handles."""
+        radius = self.grabbed.radius / self._scene.size * factor
+        smallest = 0.5 * self._scene.handle_radius / self._scene.size
+        self._scene.settings.grab_radius = min(max(radius, smallest), GRAB_RADII[1])
+        self._widen(self._scene.grab_radius)
+
+    @edit("widen")
+    def _widen(self, radius):
+        if self.grabbed is not None:
+            self._scene.grip.release()
+            self._attach(radius, self._scene.solver.vertices.numpy().copy())
+
+    def drag_to(self, target) -> None:
+        """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
+        self.grabbed.target = self.grabbed.target.moved(target)
+
+    def turn_to(self, rotation, scale: float, stretch=None) -> None:
+        """Turn and scale what is held about its center.
+
+        Args:
+            rotation: Axis times angle [radians], from how it was grabbed.  [3]
+            stretch: Before it is turned, symmetric and positive definite.  [3, 3]
+        """
+        self.grabbed.target = self.grabbed.target.turned(rotation, scale, stretch)
+
+    @property
+    def behind(self) -> bool:
+        """Whether what is held is not yet where it was sent."""
+        return self.grabbed is not None and self.grabbed.target != self.grabbed.reached
+
+    def follow(self, share: float = 1.0) -> None:
+        """Move what is held by a share of the way to where it was sent, if that is anywhere."""
+        if self.behind and np.isfinite(self.grabbed.target.place).all():
+            motion = self.grabbed.reached.towards(self.grabbed.target, share)
+            if motion.plain and self.grabbed.reached.plain:
+                self._move(motion.place)
+            elif motion.stretch is None:
+                self._transform(motion.place, motion.rotation, motion.scale)
+            else:
+                self._stretch(motion.place, motion.rotation, motion.scale, motion.stretch)
+
+    @edit("move")
+    def _move(self, to):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to))
+
+    @edit("transform")
+    def _transform(self, to, rotation, scale):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale))
+
+    @edit("stretch")
+    def _stretch(self, to, rotation, scale, stretch):
+        if self.grabbed is not None:
+            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale, stretch))
+
+    def _reach(self, motion):
+        self.grabbed.reached = motion
+        self._scene.grip.move(motion.applied(self.grabbed.offsets))
+
+    @edit("release")
+    def release(self) -> None:
+        if self.grabbed is not None:
+            self._scene.grip.release()
+            if self.grabbed.passing:
+                self.points = self.points.without_last()
+            self.grabbed = None
+
+    def _keep(self):
+        """Let go, and keep the point by which the object was held; returns the grab, if any."""
+        grab = self.grabbed
+        if grab is not None:
+            grab.passing = False
+        self.release()
+        return grab
+
+    def let_go(self) -> None:
+        """Let go of what is held; in *Pose* it stays where it is, and what was pinned always."""
+        if self._scene.settings.hand == "pose":
+            self._pose_grab(self._pin_radius)
+        elif self.grabbed is not None and self.grabbed.pins:
+            self._pin_again(self._pin_radius)
+        else:
+            self.release()
+
+    @edit("pose_grab")
+    def _pose_grab(self, radius):
+        grab = self._keep()
+        if grab is not None:
+            for handle in grab.handles:
+                self._set_pin(handle, True, radius)
+            self._posed = (*self._posed, *(one for one in grab.handles if one not in grab.pins))
+
+    @edit("pin_again")
+    def _pin_again(self, radius):
+        grab = self._keep()
+        for handle in [] if grab is None else grab.pins:
+            self._set_pin(handle, True, radius)
+
+    @edit("choose_hand", undo="{hand}")
+    def choose_hand(self, hand: str) -> None:
+        """Choose one of HANDS."""
+        self._scene.settings.hand = hand
+
+    @edit("cancel")
+    def cancel(self) -> None:
+        """Let go; pose, velocities and a time that stood still are as before the grab."""
+        scene, grab = self._scene, self.grabbed
+        self.release()
+        if grab is None:
+            return
+        scene.settings.grab_radius = grab.first_radius / scene.size
+        scene.journal.forget_step("drag")
+        if grab.held_before is not None:
+            pinned, self.patches = grab.held_before
+            scene.solver.set_pinned(pinned)
+        scene.solver.set_state(*grab.before)
+        if grab.rest_lengths is not None:
+            scene.solver.set_rest_lengths(grab.rest_lengths)
+        if grab.stood:
+            scene.timeline.stand()
+        scene.revision += 1
+
+    # -- pins ----------------------------------------------------------------------------
+
+    @property
+    def _pin_radius(self):
+        return self._scene.grab_radius * (PATCH_PART if self._scene.settings.soft_grab else 1.0)
+
+    def pin_grab(self) -> None:
+        """Let go, and pin the patch that was held where it is."""
+        self._pin_grab(self._pin_radius)
+
+    @edit("pin_grab", undo="pin what was held")
+    def _pin_grab(self, radius):
+        grab = self._keep()
+        if grab is not None:
+            for handle in grab.handles:
+                self._set_pin(handle, True, radius)
+
+    def set_pin(self, handle: int, pinned: bool) -> None:
+        """Pin a handle and its patch where they are; or free it, and what was pinned with it."""
+        self._set_pin(handle, pinned, self._pin_radius)
+
+    def is_pinned(self, handle: int) -> bool:
+        return bool(self._scene.solver.pinned[self.corners(handle)].all())
+
+    def set_pins(self, handles: list[int], pinned: bool) -> None:
+        """Pin several handles with their patches, or free them, as one step."""
+        self._set_pins(list(handles), pinned, self._pin_radius)
+
+    @edit("set_pins", undo="pins")
+    def _set_pins(self, ids, pinned, radius):
+        for handle in ids:
+            self._set_pin(handle, pinned, radius)
+
+    @edit("set_pin", undo="pins")
+    def _set_pin(self, vertex, pinned, radius):
+        if not self.exists(vertex):
+            raise ValueError(f"there is no handle {vertex}")
+        scene = self._scene
+        scene.timeline.stop()  # the next key would set other pins
+        if pinned:
+            pins, patch = scene.solver.pinned.copy(), self.patch(vertex, radius)
+            patch = patch[~pins[patch]]
+            self.patches[patch] = self.patches.max() + 1
+            pins[patch] = True
+            scene.solver.set_pinned(pins)
+            self._posed = tuple(one for one in self._posed if one != vertex)
+        else:
+            self._free([vertex])
+        self.hover = None
+        scene.keep_in_sight()
+
+    def _free(self, handles):
+        """Free the patches of these handles."""
+        pins = self._scene.solver.pinned.copy()
+        for handle in handles:
+            number = self.patches[self.corners(handle)].max()
+            patch = self.patches == number if number else self.corners(handle)
+            pins[patch], self.patches[patch] = False, 0
+        self._scene.solver.set_pinned(pins)
+
+    def free_posed(self) -> None:
+        """Let all posed handles go."""
+        if self.posed:
+            self._free(self.posed)
+
+    def forget_patches(self) -> None:
+        """The object was pinned or freed as a whole; what is posed stays so while it is held."""
+        self.patches[~self._posed_vertices] = 0
+
+    # -- more points ---------------------------------------------------------------------
+
+    def add_point(self, place) -> int:
+        """Make a control point at a place of the surface as it is now [3]; returns its id."""
+        (corners,), (weights,) = self._located(place)
+        self._add_point(corners, weights)
+        return len(self._scene.pins) + len(self.points) - 1
+
+    def _located(self, place):
+        """Corners and weights of a place in its tet.  [1, 4], [1, 4]"""
+        tets = self._scene.field.mesh.tets
+        point = located([place], self._scene.solver.vertices.numpy(), tets)
+        return point.corners, point.weights
+
+    @edit("add_point", undo="new point")
+    def _add_point(self, corners, weights):
+        if len(self.points) >= MOST_ADDED:
+            raise ValueError(f"{MOST_ADDED} control points are the most")
+        weights = np.array(weights, float).reshape(1, 4)
+        self.points = self.points.joined(ControlPoints(np.array(corners).reshape(1, 4), weights))
+
+    # -- undo ----------------------------------------------------------------------------
+
+    def state(self) -> dict:
+        """What edits change, besides pins."""
+        kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
+        if self.grabbed is not None and self.grabbed.passing:
+            kept["points"] = self.points.without_last()
+        return kept | {"patches": self.patches.copy(), "hand": self._scene.settings.hand}
+
+    def restore(self, state: dict) -> None:
+        """Return to a state."""
+        own = dict(state)
+        self._scene.settings.hand = own.pop("hand")
+        vars(self).update(own)
+        self.patches = self.patches.copy()
+        self.selected = [one for one in self.selected if self.exists(one)]
+        self.hover = None

@@ -1,0 +1,1 @@
+"""Session files: what was done, written, checked, played again, and kept meanwhile."""

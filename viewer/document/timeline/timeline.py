@@ -1,0 +1,390 @@
+"""The timeline: keys of camera and pose over ticks, a playhead, and poses that can be blended.
+
+While it plays, each tick moves the playhead on.  The camera follows its keys.  The pose does so
+in one of two ways (MOTIONS): by "interpolation" the vertices are the blend of two keys; by
+"physics" what the keys hold is moved along, and the solver moves the rest.  All of it follows
+from the edits, so that a session plays again to the bit.
+"""
+
+import warnings
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from ...camera import Orbit, changed, turned_to
+from ..history.journal import edit
+from . import keys as k
+from .driving import Driver
+
+TRACKS = "camera", "pose"
+MOTIONS = "interpolation", "physics"
+WEIGHTS = -2.0, 2.0  # of a saved pose
+MOST_KEYS, MOST_POSES = 500, 32  # of a track
+TURN_KEYS = 4  # of a whole turn: between two of them, the shorter way has to be the right one
+
+
+class Timeline:
+    """The timeline of one scene.
+
+    Attributes:
+        keys: Those of each track, sorted by tick: {"camera": (...), "pose": (...)}.
+        poses: Those saved under a name, with their weights.
+        head: The playhead [ticks].
+        stands: Whether time stands still because the timeline shows a pose.
+    """
+
+    def __init__(self, scene):
+        self.journal = None  # of the scene, once it has one
+        self.keys = dict.fromkeys(TRACKS, ())
+        self.poses: tuple[k.SavedPose, ...] = ()
+        self.loop, self.motion = False, MOTIONS[0]
+        self.head = 0
+        self.playing = self.stands = False
+        self._scene = scene
+        self._driver = Driver(scene)
+
+    @property
+    def end(self) -> int:
+        """The tick of the last key; 0 without keys."""
+        return max((keys[-1].tick for keys in self.keys.values() if keys), default=0)
+
+    @property
+    def moves_camera(self) -> bool:
+        """Whether the camera is the timeline's, at this tick."""
+        return self.playing and bool(self.keys["camera"])
+
+    @property
+    def _waits(self):
+        """Whether it plays by physics while time stands still."""
+        by_physics = self.motion == "physics" or self._is_soft
+        return bool(self.keys["pose"]) and by_physics and self._scene.paused
+
+    @property
+    def _is_soft(self):
+        """Whether bones move some of the object, and the solver the rest, at this tick."""
+        return self._scene.posing.soft and self.bones_at(self.head) is not None
+
+    def orbit_at(self, tick: float) -> Orbit:
+        """The camera at any time, if there are camera keys."""
+        return k.orbit_at(self.keys["camera"], tick)
+
+    def way_of_camera(self):
+        """Where the camera is until the next tick, as it stands now.
+
+        Returns:
+            A function from the time since this tick [ticks] to an Orbit; None if the camera is
+            not the timeline's.
+        """
+        if not self.moves_camera:
+            return None
+        keys, head, speed = self.keys["camera"], self.head, 0.0 if self._waits else 1.0
+        return lambda since: k.orbit_at(keys, head + speed * since)
+
+    # -- keys ----------------------------------------------------------------------------
+
+    @edit("key", undo="key at tick {tick}")
+    def key(self, tick: int, orbit: dict | None, pose: bool) -> None:
+        """Key a camera, if one is given, and the pose that the scene has now, if wanted.
+
+        Args:
+            orbit: The values of an Orbit (`asdict`).
+        """
+        if orbit is not None:
+            camera = k.CameraKey(tick, changed(Orbit(), orbit), self._easing("camera", tick))
+            self._set("camera", k.with_key(self.keys["camera"], camera))
+        if pose:
+            self._set("pose", k.with_key(self.keys["pose"], self._pose_now(tick)))
+
+    def _pose_now(self, tick):
+        scene = self._scene
+        pinned = scene.solver.pinned | self.taken_pins | scene.posing.taken_pins
+        held = pinned.copy()
+        if scene.handles.grabbed is not None:
+            held[scene.handles.grabbed.ids] = True
+        vertices = scene.solver.vertices.numpy().copy()
+        easing, bones = self._easing("pose", tick), None
+        if scene.posing.drives and not scene.posing.shows_vertices:
+            bones = k.Bones(scene.rigging.skeleton, scene.posing.current)
+        return k.PoseKey(tick, vertices, pinned, held, scene.body.material, easing, bones)
+
+    def _easing(self, track, tick):
+        """That of the key before: one that is added goes on as the way was."""
+        before = [key.easing for key in self.keys[track] if key.tick <= tick]
+        return before[-1] if before else "smooth"
+
+    @edit("move_key", undo="move a key")
+    def move_key(self, track: str, tick: int, to_tick: int) -> None:
+        """Move a key; one that is there is replaced.
+
+        Raises:
+            ValueError: There is no such key; so do the others.
+        """
+        key = self._key(track, tick)
+        others = tuple(other for other in self.keys[track] if other is not key)
+        self._set(track, k.with_key(others, replace(key, tick=to_tick)))
+
+    @edit("copy_key", undo="copy a key")
+    def copy_key(self, track: str, tick: int, to_tick: int) -> None:
+        """Put a copy of a key elsewhere."""
+        key = replace(self._key(track, tick), tick=to_tick)
+        self._set(track, k.with_key(self.keys[track], key))
+
+    @edit("delete_key", undo="delete a key")
+    def delete_key(self, track: str, tick: int) -> None:
+        """Delete a key."""
+        key = self._key(track, tick)
+        self._set(track, tuple(other for other in self.keys[track] if other is not key))
+
+    @edit("ease_key", undo="easing")
+    def ease_key(self, track: str, tick: int, easing: str) -> None:
+        """Choose one of EASINGS for the way from a key to the next one."""
+        key = replace(self._key(track, tick), easing=easing)
+        self._set(track, k.with_key(self.keys[track], key))
+
+    @edit("turntable", undo="turntable")
+    def turntable(self, ticks: int, orbit: dict) -> None:
+        """Turn a camera around its target in about so many ticks, again and again, from now on."""
+        if orbit is None:
+            raise ValueError("there is no camera to turn")
+        orbit = changed(Orbit(), orbit)
+        step = max(round(ticks / TURN_KEYS), 1)  # a whole number, so that all are equally fast
+        turn = (
+            k.CameraKey(
+                n * step, turned_to(orbit, orbit.yaw + 2.0 * np.pi * n / TURN_KEYS), "linear"
+            )
+            for n in range(TURN_KEYS + 1)
+        )
+        self.keys["camera"] = tuple(turn)
+        self.loop, self.head = True, 0
+        self.play()
+
+    @edit("set_loop", undo="loop")
+    def set_loop(self, on: bool) -> None:
+        """Play again and again, or once."""
+        self.loop = on
+
+    @edit("set_motion", undo="motion between poses")
+    def set_motion(self, motion: str) -> None:
+        """Choose one of MOTIONS; what plays, stops."""
+        self._end()
+        self.motion = motion
+
+    def _key(self, track, tick):
+        key = k.key_at(self.keys[track], tick)
+        if key is None:
+            raise ValueError(f"there is no {track} key at tick {tick}")
+        return key
+
+    def _set(self, track, keys):
+        if len(keys) > MOST_KEYS:
+            raise ValueError(f"a timeline has at most {MOST_KEYS} {track} keys")
+        self.keys[track] = keys
+
+    # -- time ----------------------------------------------------------------------------
+
+    @edit("play", undo="play", begins=True)
+    def play(self) -> None:
+        """Play from the playhead, or from the beginning if it is at the end."""
+        self._let_go()
+        if self.head >= self.end:
+            self.head = 0
+        self._show()
+        if self.keys["pose"] and self.motion == "interpolation" and not self._is_soft:
+            self.stand()  # the pose stays, when the end is reached
+        elif self.keys["pose"]:
+            self._scene.paused = False
+        self.playing = self.end > 0
+
+    @edit("stop")
+    def stop(self) -> None:
+        """Stop where it is."""
+        self._end()
+
+    @edit("scrub", undo="move the playhead", merges=True)
+    def scrub(self, tick: int) -> None:
+        """Put the playhead there, and show what the keys say; time stands still at a pose."""
+        self._let_go()
+        self.head = tick
+        self._show()
+        if self.keys["pose"]:
+            self.stand()
+
+    def stand(self) -> None:
+        """Stop, time too; a hand lets it go on, unless the user had stopped it."""
+        self._end()
+        self._stop_time()
+
+    def stand_still(self) -> None:
+        """Stop time as `stand` does: bones show a pose, and the timeline's camera may go on."""
+        if self.keys["pose"]:
+            self._end()
+        self._stop_time()
+
+    def _stop_time(self):
+        stands = self.stands or not self._scene.paused
+        self._scene.paused = True
+        self.stands = stands
+
+    @property
+    def shows_poses(self) -> bool:
+        """Whether the pose is the timeline's, at this tick."""
+        by_keys = self.motion == "interpolation" and not self._is_soft
+        return self.playing and bool(self.keys["pose"]) and by_keys
+
+    def give_way(self) -> None:
+        """A hand takes hold: nothing plays, and time goes on if the timeline stopped it."""
+        self._end()
+        if self.stands:
+            self._scene.paused = False
+
+    def advance(self) -> bool:
+        """A tick begins.  Returns whether the pose after it is set, so that no step is needed."""
+        if not self.playing:
+            return False
+        ends = self.head >= self.end and not self.loop
+        if ends or not self.end:
+            self._end()
+            return False
+        driven = self.keys["pose"] and self.motion == "physics" and self._moves_vertices
+        if self._waits:
+            return False
+        with self.journal.unrecorded(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of materials: the panel says what is held
+            return self._advance(driven)
+
+    def _advance(self, driven):
+        before, self.head = self.head, self.head + 1
+        wraps = self.loop and self.head >= self.end
+        if driven:
+            self._take_material(before + 1)
+            self._driver.move(self.keys["pose"], before)
+        if wraps:
+            self.head = 0
+        self._show_camera()
+        if not driven:
+            return self._show_pose()
+        # What is held can go on if it is where the beginning has it; else all begins anew.
+        return wraps and self._driver.breaks(self.keys["pose"]) and self._show_pose()
+
+    def _show(self):
+        self._show_camera()
+        self._show_pose()
+        self._scene.revision += 1
+
+    def _show_camera(self):
+        if self.keys["camera"]:
+            self._scene.orbit = self.orbit_at(self.head)
+            self.journal.forget_view(asdict(self._scene.orbit))
+
+    def _show_pose(self):
+        """Set vertices, pins and material as the keys have them; returns whether there are any."""
+        scene, keys = self._scene, self.keys["pose"]
+        if not keys:
+            return False
+        self._driver.end(self.head)
+        self._take_material(self.head)
+        bones = self.bones_at(self.head)
+        if bones is not None:
+            return scene.posing.show_pose(bones, at_once=not self.playing)
+        scene.posing.end()
+        scene.solver.stand(k.vertices_at(keys, self.head))
+        self._driver.set_pins(k.around(keys, self.head)[0].pinned)
+        return True
+
+    def _take_material(self, tick):
+        material = k.material_at(self.keys["pose"], tick)
+        if material != self._scene.body.material:
+            self._scene.body.set_material(**asdict(material))
+
+    @property
+    def taken_pins(self):
+        """Pins that are moved, and so aren't the solver's, while physics plays.  [V] bool"""
+        return self._driver.taken_pins
+
+    # -- bones ---------------------------------------------------------------------------
+
+    def bones_at(self, tick: float):
+        """The pose of the scene's bones that the keys around a tick have, or None."""
+        keys, skeleton = self.keys["pose"], self._scene.rigging.skeleton
+        return k.bones_at(keys, tick, skeleton) if keys and skeleton is not None else None
+
+    @property
+    def _moves_vertices(self):
+        """Whether the way from this tick on is that of vertices, not of bones."""
+        return self.bones_at(self.head) is None
+
+    def span_of_bones(self) -> tuple[int, int]:
+        """The first and the last tick between which all keys have poses of the scene's bones.
+
+        Raises:
+            ValueError: There are no two such keys.
+        """
+        keys = self.keys["pose"]
+        if len(keys) < 2 or any(self.bones_at(key.tick) is None for key in keys):
+            raise ValueError("a clip needs two keys or more, each of a pose of these bones")
+        return keys[0].tick, keys[-1].tick
+
+    # -- the end of playing --------------------------------------------------------------
+
+    def _end(self):
+        self._driver.end(self.head)
+        moved, self.playing = self.moves_camera, False
+        if moved:  # from here on, the views that are recorded say where the camera is
+            self.journal.note_view(asdict(self._scene.orbit))
+
+    def _let_go(self):
+        self._scene.handles.release()
+        self._scene.end_push()
+        self._end()
+
+    # -- saved poses ---------------------------------------------------------------------
+
+    @edit("save_pose", undo="save the pose {name}")
+    def save_pose(self, name: str) -> None:
+        """Keep the pose under a name; one that has it is replaced."""
+        vertices = self._scene.solver.vertices.numpy().copy()
+        others = [pose for pose in self.poses if pose.name != name]
+        if len(others) >= MOST_POSES:
+            raise ValueError(f"{MOST_POSES} poses are saved; delete one first")
+        self.poses = (*others, k.SavedPose(name, vertices))
+
+    @edit("delete_pose", undo="delete the pose {name}")
+    def delete_pose(self, name: str) -> None:
+        """Forget a saved pose."""
+        deleted = self._saved(name)
+        self.poses = tuple(pose for pose in self.poses if pose is not deleted)
+
+    @edit("blend_pose", undo="blend the pose {name}", merges=True)
+    def blend_pose(self, name: str, weight: float) -> None:
+        """Give a saved pose a weight, and show the rest shape plus all weighted differences."""
+        changed = replace(self._saved(name), weight=weight)
+        scene = self._scene
+        self._let_go()
+        scene.posing.end()
+        self.poses = tuple(changed if pose.name == name else pose for pose in self.poses)
+        scene.solver.set_state(k.blend(scene.solver.rest_shape, self.poses))
+        self.stand()
+        scene.revision += 1
+
+    def _saved(self, name):
+        pose = next((pose for pose in self.poses if pose.name == name), None)
+        if pose is None:
+            raise ValueError(f"no pose is saved as {name!r}")
+        return pose
+
+    # -- undo ----------------------------------------------------------------------------
+
+    def state(self) -> dict:
+        """What edits change."""
+        names = "poses", "loop", "motion", "head", "stands"
+        return {name: getattr(self, name) for name in names} | {"keys": dict(self.keys)}
+
+    def restore(self, state: dict) -> None:
+        """Return to a state; nothing plays."""
+        self._end()
+        if self.stands and not state["stands"]:
+            self._scene.paused = False
+        elif state["stands"]:
+            self.stand()
+        vars(self).update(state)
+        self.keys = dict(self.keys)
