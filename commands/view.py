@@ -226,7 +226,6 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     check(chosen)
     if chosen.device != "cpu" and chosen.model.exists():
         begin_cuda()
-    from ..viewer.files import open_photographs
     from ..viewer.script import parse_drag, resolved
 
     drag = parse_drag(chosen.run.drag) if chosen.run.drag is not None else None
@@ -253,13 +252,13 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
             app.offer_training(offered)
         if problem:
             log.warning(problem)
-            app.dialog = Problem("The preferences are damaged", problem)
+            app.questions.dialog = Problem("The preferences are damaged", problem)
         if opened is not None:
-            app.play(opened.session, opened.said)
+            app.playing.play(opened.session, opened.said)
         drag = None if drag is None else resolved(drag, app.scene)
         photographs = chosen.photographs
         if photographs.data is not None:
-            open_photographs(app, photographs.data, photographs.outside_images)
+            app.opening.open_photographs(photographs.data, photographs.outside_images)
     except BaseException:
         app.close()
         raise

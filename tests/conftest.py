@@ -385,7 +385,7 @@ def _assert_conforms(color, expected, field, vertices, origins, directions, back
 @pytest.fixture
 def hand():
     """A function that makes Controls with a hand that points at pixels of an image of 320 x 240."""
-    from deformrf.viewer.input import controls as c
+    from deformrf.viewer.tools import controls as c
 
     buttons, height = {"left": c.LEFT, "middle": c.MIDDLE, "right": c.RIGHT}, 240
 

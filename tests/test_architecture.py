@@ -66,7 +66,7 @@ def test_a_frame_goes_from_the_mouse_to_the_pixel(follow, window, ball):
     def drag():
         app = App(*window, EventLog(False), gui=False)
         app.load(ball, "ball", "cpu")
-        app.controls._grab(int(app.scene.handles.control_ids[0]))
+        app.controls.grab(int(app.scene.handles.control_ids[0]))
         app.window.dispatch_event("on_mouse_drag", 100, 100, 5, 5, 1, 0)  # waits for the loop
         app.run(2)
         app.close()

@@ -56,7 +56,7 @@ MAY_IMPORT = {
     ],
     "viewer.files": ["core", "wings", "viewer.logs", "viewer.camera", "viewer.document"],
     "viewer.layers": ["core", "viewer.camera", "viewer.document", "viewer.files"],
-    "viewer.input": [
+    "viewer.tools": [
         "core",
         "wings",
         "viewer.settings",

@@ -13,19 +13,19 @@ from pathlib import Path
 import pyglet
 from pyglet.window import key
 
-from . import logs, panels, playing, preferences, questions, showing
+from . import logs, preferences, showing
+from .actions import BoundActions, action_of, placed_photograph
 from .camera import Covered, clip_range
-from .document import Autosave, Session, Strip, autosave_folder
+from .document import Autosave, Strip, autosave_folder
 from .events import state_of
-from .files import Problem, open_asked
+from .files import Opening, Problem
 from .films import Recorder, Takes, without_background
-from .input import ACTIONS, action_of, placed_photograph
-from .layers import (
-    Canvas,
-    PhotoLayer,
-)
+from .layers import Canvas, PhotoLayer
+from .parts import call
+from .playing import Playing
+from .questions import Questions
 from .times import FrameTimes
-from .training import follow_job, offer_of
+from .training import begin_job, follow_job, offer_of
 
 log = logging.getLogger(__name__)
 
@@ -56,24 +56,26 @@ class App:
         self.recorder = Recorder(self.canvas, log, fps)
         self.takes = Takes(self)
         self.frame_count = 0
-        self.autosave = self.left_behind = None  # see autosave.py
+        self.autosave = None  # see autosave.py
         self.preferences = kept or preferences.Preferences()
         self.train_job = None  # that a dialog began: train_job.py
-        self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
-        self.leaving = None  # what is asked before the end: questions.py
+        self.actions, self.questions = BoundActions(self), Questions(self)
+        self.opening, self.playing = Opening(self), Playing(self)
         self.closing = False  # the window was closed while nothing could be asked
         self.strip = Strip()  # of the timeline
         self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
         self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
-        self.gui = self.live = None  # a LiveRun, where it is shown
+        self.gui = self.panels = self.live = None  # a LiveRun, where it is shown
         window.push_handlers(self)
         if gui:
             from .gui import Gui
+            from .panels import Panels
 
             self.gui = Gui(window)
-            self.gui.asks = lambda: bool(questions.question(self))
+            self.panels = Panels(self)
+            self.gui.asks = lambda: bool(self.questions.name)
             self.gui.lends = lambda: self.scene is not None and self.controls.free
 
     # -- start ---------------------------------------------------------------------------
@@ -84,7 +86,7 @@ class App:
 
     def offer_training(self, data: Path) -> None:
         """Ask whether a model of these photographs shall be trained."""
-        self.dialog = offer_of(data, str(self.scene.solver.device))
+        self.questions.dialog = offer_of(data, str(self.scene.solver.device))
 
     def begin_autosave(self) -> None:
         """Keep the session of the scene from now on."""
@@ -128,28 +130,19 @@ class App:
         self.canvas.show()
         self.window.flip()
 
-    def play(self, session: Session, said: str = "") -> bool:
-        """Go on where a session ended, as playing.play does."""
-        return playing.play(self, session, said)
-
-    def recover(self) -> None:
-        """Go on with the session that was left behind."""
-        playing.recover(self)
-
     # -- the window's events (the mouse's are in controls.py) ----------------------------
 
     def on_key_press(self, symbol, modifiers):
         keys = "deformrf" if self.scene is None else self.scene.settings.keys
         action = action_of(key.symbol_string(symbol), modifiers, keys)
-        if action == "cancel" and questions.dismiss(self):
+        if action == "cancel" and self.questions.dismiss():
             return True
         if action == "quit" or (self.scene is not None and action is not None):
-            self.log("key", action=action)
-            ACTIONS[action](self)
+            self.actions.call(action)
         return True  # pyglet's own handler would close the window on Esc
 
     def on_close(self):
-        self.quit()
+        self.questions.leave()
         return True  # pyglet's own handler would end the loop
 
     def on_resize(self, width, height):
@@ -157,8 +150,8 @@ class App:
         return True  # pyglet's own handler would set a viewport
 
     def on_file_drop(self, x, y, paths):
-        if self.scene is not None and self.leaving is None and paths:
-            self.asked = Path(paths[0])
+        if self.scene is not None and self.questions.leaving is None and paths:
+            self.opening.asked = Path(paths[0])
 
     def _note_event(self, *arguments):
         self.last_event = time.perf_counter()
@@ -185,14 +178,15 @@ class App:
                 self._failed, self.last_event = True, time.perf_counter()
                 log.exception("an error in the viewer")
                 sentence = logs.sentence(error)
-                self.dialog = Problem("Something went wrong", sentence, self.log_file)
+                title = "Something went wrong"
+                self.questions.dialog = Problem(title, sentence, self.log_file)
 
     def _turn(self, now, elapsed, may_rest):
         """Handle events, and draw a frame if there is something to see."""
         self.window.dispatch_events()
         if self.closing:
             self.closing = False
-            self.quit()
+            self.questions.leave()
         if self.window.has_exit or (may_rest and self._quiet(now) and not self._rest()):
             return
         self.frame(elapsed)
@@ -232,18 +226,19 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        if self.asked is not None and self.leaving is None:
-            open_asked(self)
-        if questions.question(self):
+        if self.opening.asked is not None and self.questions.leaving is None:
+            self.opening.open_asked()
+        if self.questions.name:
             self.fly.end()  # which has the keys
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
-        controls.ratio = size[0] / max(self.window.width, 1)
-        controls.covered = self.covered()
+        controls.per_point = size[0] / max(self.window.width, 1)
+        controls.ratio = controls.per_point * (1.0 if self.gui is None else self.gui.scale)
+        controls.covered = controls.panels = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
-            scene.handles.hover = controls.part = controls.spot = None
+            controls.leave()
         self.fly.advance(seconds)
-        photograph, places = placed_photograph(self)
+        photograph, places = call(placed_photograph, self)
         moved, tick = scene.moving, scene.journal.tick
         if not whole and scene.waits:  # time stands, and the window answers
             self._wait()
@@ -268,7 +263,7 @@ class App:
                 self.window.flip()
         self.takes.update()
         follow_job(self)
-        questions.follow(self)
+        self.questions.follow()
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
@@ -279,7 +274,7 @@ class App:
 
     def covered(self) -> Covered:
         """What the panels cover of the window."""
-        return Covered() if self.gui is None else panels.covered(self)
+        return Covered() if self.panels is None else self.panels.covered()
 
     def draw(self, camera, keep: bool = True) -> None:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
@@ -308,9 +303,15 @@ class App:
     def _wants_transparent(self):
         return self.recorder.wants_screenshot and self.scene.settings.transparent_screenshots
 
+    def begin_training(self) -> None:
+        """Do what the dialog offers."""
+        begin_job(self)
+
     def _draw_panels(self):
+        settings = self.scene.settings
+        self.gui.dress(settings.theme, settings.panel_scale)
         self.gui.begin()
-        self.gui.guarded(panels.draw_panels, self)
+        self.gui.guarded(self.panels.draw)
         self.gui.end()
         if self.scene.settings.panel_in_screenshots:
             self.recorder.save_screenshot()
@@ -341,10 +342,6 @@ class App:
             self.scene.journal.mark_saved()
             if self.autosave is not None:
                 self.autosave.end()
-
-    def quit(self) -> None:
-        """End, if nothing would be lost; else ask."""
-        questions.quit_or_ask(self)
 
     def end(self) -> None:
         """The loop has ended: only unsaved work is kept for another start."""

@@ -6,7 +6,6 @@ import logging
 import numpy as np
 
 from .camera import project
-from .questions import question
 
 log = logging.getLogger(__name__)
 
@@ -50,8 +49,8 @@ def state_of(app) -> dict:
         "keys": scene.settings.keys,
         "clip": scene.posing.clip if scene.posing.playing else None,
         "tool": scene.settings.tool,
-        "dialog": None if app.dialog is None else app.dialog.title,
-        "question": question(app),
+        "dialog": None if app.questions.dialog is None else app.questions.dialog.title,
+        "question": app.questions.name,
         "max_displacement": moved.max(),
         "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),
         "moving": scene.moving,

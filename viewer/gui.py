@@ -20,14 +20,17 @@ import numpy as np
 from imgui_bundle import imgui
 from pyglet.window import key, mouse
 
-from .input import action_of
+from .actions import action_of
+from .parts import call
+from .style import apply_style
 from .window import WindowError
 
 log = logging.getLogger(__name__)
 
-FONT = Path(imgui_bundle.__file__).parent / "assets" / "fonts" / "Roboto" / "Roboto-Regular.ttf"
-FONT_SIZE = 16.0
-ACCENT = (0.80, 0.16, 0.13)  # the red of the control vertices
+FONTS = Path(imgui_bundle.__file__).parent / "assets" / "fonts"
+FONT = FONTS / "Roboto" / "Roboto-Regular.ttf"
+ICONS = FONTS / "Font_Awesome_6_Free-Solid-900.otf"  # their names: icons.py
+FONT_SIZE, ICON_SIZE = 15.0, 13.0
 NOWHERE = -3.4e38  # ImGui's own "no mouse"
 BUTTONS = {mouse.LEFT: 0, mouse.RIGHT: 1, mouse.MIDDLE: 2}
 MODIFIERS = (
@@ -53,39 +56,16 @@ KEYS = {  # pyglet's symbols -> ImGui's keys
 }
 
 
-def apply_style() -> None:
-    """Font, shapes and colors: light, with the red of the control vertices."""
+def add_fonts() -> None:
+    """Letters, and icons among them."""
+    fonts = imgui.get_io().fonts
     if FONT.is_file():
-        imgui.get_io().fonts.add_font_from_file_ttf(str(FONT), FONT_SIZE)
-    imgui.style_colors_light()
-    style, colors = imgui.get_style(), imgui.Col_
-    style.window_rounding, style.frame_rounding, style.grab_rounding = 8.0, 4.0, 4.0
-    style.window_border_size, style.frame_border_size = 1.0, 0.0
-    style.window_padding, style.frame_padding = (12.0, 10.0), (8.0, 4.0)
-    style.item_spacing = (8.0, 6.0)
-    for name, color in {
-        colors.text_disabled: (0.38, 0.39, 0.42, 1.0),
-        colors.window_bg: (0.97, 0.97, 0.98, 0.94),
-        colors.border: (0.0, 0.0, 0.0, 0.12),
-        colors.title_bg: (0.90, 0.90, 0.92, 0.96),
-        colors.title_bg_active: (0.90, 0.90, 0.92, 0.96),
-        colors.frame_bg: (0.88, 0.89, 0.91, 1.0),
-        colors.frame_bg_hovered: (0.84, 0.85, 0.88, 1.0),
-        colors.frame_bg_active: (0.80, 0.81, 0.85, 1.0),
-        colors.button: (0.86, 0.87, 0.90, 1.0),
-        colors.button_hovered: (*ACCENT, 0.35),
-        colors.button_active: (*ACCENT, 0.6),
-        colors.header: (0.90, 0.90, 0.92, 1.0),
-        colors.header_hovered: (*ACCENT, 0.2),
-        colors.header_active: (*ACCENT, 0.35),
-        colors.slider_grab: (*ACCENT, 0.9),
-        colors.slider_grab_active: (*(0.8 * c for c in ACCENT), 1.0),
-        colors.check_mark: (*ACCENT, 1.0),
-        colors.modal_window_dim_bg: (0.0, 0.0, 0.0, 0.12),  # over what a dialog keeps from input
-        colors.plot_lines: (*ACCENT, 1.0),
-        colors.plot_histogram: (*ACCENT, 0.75),  # progress bars
-    }.items():
-        style.set_color_(name, color)
+        fonts.add_font_from_file_ttf(str(FONT), FONT_SIZE)
+        if ICONS.is_file():
+            merged = imgui.ImFontConfig()
+            merged.merge_mode = True
+            merged.glyph_min_advance_x = ICON_SIZE
+            fonts.add_font_from_file_ttf(str(ICONS), ICON_SIZE, merged)
 
 
 class Gui:
@@ -96,7 +76,9 @@ class Gui:
         imgui.create_context()
         self._io = imgui.get_io()
         self._io.set_ini_filename("")  # no file in the user's current folder
-        apply_style()
+        add_fonts()
+        self.theme, self.scale = "", 1.0  # of THEMES; points of the window per point of the panels
+        self.dress("dark", 1.0)
         if not imgui.backends.opengl3_init("#version 330"):
             raise WindowError("ImGui's OpenGL renderer does not start")
         platform = imgui.get_platform_io()
@@ -111,21 +93,26 @@ class Gui:
         self._cross = False  # whether the mouse is shown as a cross
         self._captured = set()  # buttons that were pressed on a panel
         self._pressed = False  # on a panel, which has not answered yet
-        self.amount = ""  # that is typed into the panel, for the gizmo
-        self.panel_open = True  # not folded up to its title
+        self.amount = self.help_filter = ""  # that are typed: for the gizmo, and in the help
         self.log_file = None  # that a failed panel names
         self.asks: Callable[[], bool] = lambda: False  # whether there is a dialog, drawn or not
         self.lends: Callable[[], bool] = lambda: False  # whether a gesture has the mouse everywhere
         self._dialog = ""  # the one that is drawn
         self._failed = set()  # messages that were logged
 
+    def dress(self, theme: str, scale: float) -> None:
+        """Give the panels the colors of one of THEMES, and make them larger or smaller."""
+        if (theme, scale) != (self.theme, self.scale):
+            self.theme, self.scale = theme, scale
+            apply_style(theme)
+
     # -- events: True means that the view does not get them -------------------------------
 
     def covers(self, x: float, y: float) -> bool:
         """Whether a panel is at that position of the window, or anything is open."""
-        top = self.window.height - 1 - y
+        x, y = self._place(x, y)
         inside = any(
-            left <= x <= right and low <= top <= high for left, low, right, high in self._rectangles
+            left <= x <= right and low <= y <= high for left, low, right, high in self._rectangles
         )
         return (inside and not self.lends()) or self.has_keyboard
 
@@ -147,8 +134,12 @@ class Gui:
         """Whether a menu or the list of a combo is open, over a dialog or without one."""
         return len(imgui.get_current_context().open_popup_stack) > bool(self._dialog)
 
+    def _place(self, x, y):
+        """Where a position of the window is in the panels [points], y down."""
+        return x / self.scale, (self.window.height - 1 - y) / self.scale
+
     def _move(self, x, y):
-        self._io.add_mouse_pos_event(x, self.window.height - 1 - y)
+        self._io.add_mouse_pos_event(*self._place(x, y))
         self.mouse_on_panel = self.covers(x, y)
 
     def on_mouse_motion(self, x, y, dx, dy):
@@ -243,8 +234,9 @@ class Gui:
     def begin(self) -> None:
         """Start a frame of panels."""
         points, pixels = self.window.get_size(), self.window.get_framebuffer_size()
-        self._io.display_size = points
-        self._io.display_framebuffer_scale = tuple(np.divide(pixels, np.maximum(points, 1)))
+        self._io.display_size = tuple(np.divide(points, self.scale))
+        ratio = np.divide(pixels, np.maximum(points, 1))
+        self._io.display_framebuffer_scale = tuple(self.scale * ratio)
         now = time.perf_counter()
         self._io.delta_time = max(now - self._time, 1e-4)
         self._time = now
@@ -277,12 +269,19 @@ class Gui:
             self.claim()
             imgui.end_popup()
 
-    def guarded(self, panel, *arguments) -> None:
-        """Draw a panel; one that fails says so and is tried again in the next frame."""
+    def guarded(self, panel, *arguments, window=None) -> None:
+        """Draw a panel; one that fails says so and is tried again in the next frame.
+
+        Args:
+            window: Whose parts the panel gets besides the arguments, as parts.call says.
+        """
         state = imgui.internal.ErrorRecoveryState()
         imgui.internal.error_recovery_store_state(state)
         try:
-            panel(*arguments)
+            if window is None:
+                panel(*arguments)
+            else:
+                call(panel, window, *arguments)
         except Exception as error:
             self._io.config_error_recovery_enable_assert = False  # to close what it opened
             imgui.internal.error_recovery_try_to_recover_state(state)

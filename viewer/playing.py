@@ -8,7 +8,6 @@ import time
 
 from pyglet.window import key
 
-from . import panels
 from .document import (
     Patience,
     Player,
@@ -19,7 +18,6 @@ from .document import (
     start_of,
     unless_it_fails,
 )
-from .files import show_model
 
 SILENT_SECONDS = 0.2  # between two pictures of how far it is
 ANSWER_SECONDS = 0.05  # between two pictures of the question
@@ -29,97 +27,108 @@ class _Stopped(Exception):
     """The user has ended the playing."""
 
 
-def play(app, session: Session, said: str = "") -> bool:
-    """Bring the App's scene to where a session ended, from which it goes on and can be undone.
+class Playing:
+    """Plays sessions in one window."""
 
-    What was done to the scene before is kept in a file, as that of a viewer that did not end in
-    order is.
+    def __init__(self, app):
+        self._app = app
 
-    Args:
-        said: What to say then.
+    def play(self, session: Session, said: str = "") -> bool:
+        """Bring the App's scene to where a session ended, from which it goes on and can be undone.
 
-    Returns:
-        False if the user has stopped it; the scene is as it was.
+        What was done to the scene before is kept in a file, as that of a viewer that did not end in
+        order is.
 
-    Raises:
-        SessionError: It is damaged, or of another stiffness; the scene stays as it was.
-    """
-    scene, before = app.scene, app.autosave
-    sentences = [] if before is None else before.keep()
-    try:
-        with unless_it_fails(scene):
-            begin_anew(scene)
-            usual = start_of(scene)
-            start = usual | session.header["start"]
-            _play(app, Player(scene, session))
-    except _Stopped:
-        app.recorder.say("the session was stopped: all is as it was before")
-        return False
-    scene.journal.mark_saved()
-    app.session_start = start
-    app.takes.forget()
-    scene.handles.release()
-    scene.end_push()
-    if scene.timeline.playing:
-        scene.timeline.stop()
-    if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
-        scene.paused = False
-    if before is not None:
-        app.begin_autosave()
-        sentences += app.autosave.write()
-        if not before.kept:
-            before.end()
-    integrator = start["integrator"]
-    earlier = f"it plays with the integrator that it was made with ({integrator})"
-    told = said, earlier * (integrator != usual["integrator"])
-    sentences = [*filter(None, told), *sentences]
-    if sentences:
-        app.recorder.say("; ".join(sentences))
-    return True
+        Args:
+            said: What to say then.
 
+        Returns:
+            False if the user has stopped it; the scene is as it was.
 
-def _play(app, player):
-    """Play all of a session; raises _Stopped."""
-    ticks = player.session.ticks
-    if app.gui is None:
-        play_patiently(player, ticks)
-        return
-    patience, stopped, shown = Patience("playing", ticks), [], time.perf_counter()
-
-    def on_key_press(symbol, modifiers):
-        if symbol == key.ESCAPE:
-            stopped.append(symbol)
-        elif symbol in (key.ENTER, key.NUM_ENTER) and asking:
-            patience.agreed = True
+        Raises:
+            SessionError: It is damaged, or of another stiffness; the scene stays as it was.
+        """
+        app = self._app
+        scene, before = app.scene, app.autosave
+        sentences = [] if before is None else before.keep()
+        try:
+            with unless_it_fails(scene):
+                begin_anew(scene)
+                usual = start_of(scene)
+                start = usual | session.header["start"]
+                self._play(Player(scene, session))
+        except _Stopped:
+            app.recorder.say("the session was stopped: all is as it was before")
+            return False
+        scene.journal.mark_saved()
+        app.session_start = start
+        app.takes.forget()
+        scene.handles.release()
+        scene.end_push()
+        if scene.timeline.playing:
+            scene.timeline.stop()
+        if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
+            scene.paused = False
+        if before is not None:
+            app.begin_autosave()
+            sentences += app.autosave.write()
+            if not before.kept:
+                before.end()
+        integrator = start["integrator"]
+        earlier = f"it plays with the integrator that it was made with ({integrator})"
+        told = said, earlier * (integrator != usual["integrator"])
+        sentences = [*filter(None, told), *sentences]
+        if sentences:
+            app.recorder.say("; ".join(sentences))
         return True
 
-    with app.only_shown(on_key_press=on_key_press):
-        for done in player.batches(ticks):
-            asking = patience.asks(done)
-            if asking or time.perf_counter() - shown > SILENT_SECONDS:
-                app.show_alone(panels.playing_window, done, patience)  # which handles events
-                shown = time.perf_counter()
-            else:
-                app.window.dispatch_events()
-            while asking and not (patience.agreed or stopped or app.closing or app.window.has_exit):
-                time.sleep(ANSWER_SECONDS)
-                app.show_alone(panels.playing_window, done, patience)
-            if stopped or app.closing or app.window.has_exit:
-                raise _Stopped
-
-
-def recover(app) -> None:
-    """Go on with the session that was left behind."""
-    path, app.left_behind = app.left_behind, None
-    try:
-        opened = open_session(path, app.scene.field, app.scene.source, whole=False)
-        show_model(app, opened.field, opened.source)
-        app.left_behind = None
-        if not play(app, opened.session, opened.said):
-            app.left_behind = path
+    def _play(self, player):
+        """Play all of a session; raises _Stopped."""
+        app = self._app
+        ticks = player.session.ticks
+        if app.gui is None:
+            play_patiently(player, ticks)
             return
-        app.scene.journal.mark_saved(False)  # no file of the user's has it
-        if app.autosave.path.exists():  # it has all of it
-            path.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:  # a SessionError is one
-        app.recorder.say(str(error))
+        patience, stopped, shown = Patience("playing", ticks), [], time.perf_counter()
+
+        def on_key_press(symbol, modifiers):
+            if symbol == key.ESCAPE:
+                stopped.append(symbol)
+            elif symbol in (key.ENTER, key.NUM_ENTER) and asking:
+                patience.agreed = True
+            return True
+
+        def ended():
+            return stopped or app.closing or app.window.has_exit
+
+        window = app.panels.playing_window
+        with app.only_shown(on_key_press=on_key_press):
+            for done in player.batches(ticks):
+                asking = patience.asks(done)
+                if asking or time.perf_counter() - shown > SILENT_SECONDS:
+                    app.show_alone(window, done, patience)  # which handles events
+                    shown = time.perf_counter()
+                else:
+                    app.window.dispatch_events()
+                while asking and not (patience.agreed or ended()):
+                    time.sleep(ANSWER_SECONDS)
+                    app.show_alone(window, done, patience)
+                if ended():
+                    raise _Stopped
+
+    def recover(self) -> None:
+        """Go on with the session that was left behind."""
+        app, questions = self._app, self._app.questions
+        path, questions.left_behind = questions.left_behind, None
+        try:
+            opened = open_session(path, app.scene.field, app.scene.source, whole=False)
+            app.opening.show_model(opened.field, opened.source)
+            questions.left_behind = None
+            if not self.play(opened.session, opened.said):
+                questions.left_behind = path
+                return
+            app.scene.journal.mark_saved(False)  # no file of the user's has it
+            if app.autosave.path.exists():  # it has all of it
+                path.unlink(missing_ok=True)
+        except (OSError, ValueError) as error:  # a SessionError is one
+            app.recorder.say(str(error))

@@ -16,7 +16,17 @@ from ..core.base import schema
 from ..core.base.paths import whole_file
 from ..core.base.reading import open_file
 from ..core.base.streams import shown
-from .settings import GIZMOS, HANDS, KEYS, ORBIT_KEYS, PANEL_WIDTHS, SIDES, Settings
+from .settings import (
+    GIZMOS,
+    HANDS,
+    KEYS,
+    ORBIT_KEYS,
+    PANEL_WIDTHS,
+    SCALES,
+    SIDES,
+    THEMES,
+    Settings,
+)
 
 KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
@@ -35,6 +45,8 @@ KEPT = (  # of the Settings
     "show_panel",
     "panel_side",
     "panel_width",
+    "theme",
+    "panel_scale",
     "has_dragged",
 )
 DEFAULT = Settings()
@@ -59,6 +71,8 @@ class Preferences:
     show_panel: bool = DEFAULT.show_panel
     panel_side: str = DEFAULT.panel_side
     panel_width: float = DEFAULT.panel_width
+    theme: str = DEFAULT.theme
+    panel_scale: float = DEFAULT.panel_scale
     has_dragged: bool = DEFAULT.has_dragged
     recent: list[str] = field(default_factory=list)  # absolute paths, the last one first
     path: Path | None = None
@@ -106,6 +120,8 @@ GOOD = {  # name: whether a value of the file is one
     "show_panel": schema.flag,
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),
+    "theme": schema.one_of(THEMES),
+    "panel_scale": schema.number(*SCALES),
     "has_dragged": schema.flag,
     "recent": schema.listing(
         schema.both(schema.text(least=1), lambda path: "\0" not in path), MOST_RECENT

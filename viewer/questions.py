@@ -27,83 +27,91 @@ class Leaving:
     problem: str = ""
 
 
-def question(app) -> str:
-    """Which question the App asks: "leaving", "recovery", "dialog", "film", or an empty string."""
-    if app.leaving is not None:
-        return "leaving"
-    if app.left_behind is not None:
-        return "recovery"
-    if app.dialog is not None:
-        return "dialog"
-    return "film" if app.takes.asking else ""
+class Questions:
+    """What one window asks.
 
+    Attributes:
+        leaving: What is asked before the end, or None.
+        left_behind: The session whose viewer did not end in order, or None.
+        dialog: The choice of a file, an offer, or a problem that is told of; or None.
+    """
 
-def dismiss(app) -> bool:
-    """Take the question away, which decides nothing, as Esc does; whether there was one."""
-    asked = question(app)
-    if asked == "leaving":
-        app.leaving = None
-    elif asked == "recovery":
-        app.left_behind = None  # it is asked at another start
-    elif asked == "dialog":
-        app.dialog = None
-    elif asked == "film":
-        app.takes.asking = False
-    return bool(asked)
+    def __init__(self, app):
+        self.leaving: Leaving | None = None
+        self.left_behind = self.dialog = None
+        self._app = app
 
+    @property
+    def name(self) -> str:
+        """Which one is asked: "leaving", "recovery", "dialog", "film", or an empty string."""
+        if self.leaving is not None:
+            return "leaving"
+        if self.left_behind is not None:
+            return "recovery"
+        if self.dialog is not None:
+            return "dialog"
+        return "film" if self._app.takes.asking else ""
 
-# -- the end -----------------------------------------------------------------------------------
+    def dismiss(self) -> bool:
+        """Take the question away, which decides nothing, as Esc does; whether there was one."""
+        asked = self.name
+        if asked == "leaving":
+            self.leaving = None
+        elif asked == "recovery":
+            self.left_behind = None  # it is asked at another start
+        elif asked == "dialog":
+            self.dialog = None
+        elif asked == "film":
+            self._app.takes.asking = False
+        return bool(asked)
 
+    # -- the end -------------------------------------------------------------------------
 
-def quit_or_ask(app) -> None:
-    """The user wants to quit: do so if nothing would be lost, else ask."""
-    if app.leaving is None:
-        _go_on(app, set())
+    def leave(self) -> None:
+        """The user wants to quit: do so if nothing would be lost, else ask."""
+        if self.leaving is None:
+            self._go_on(set())
 
+    def follow(self) -> None:
+        """Called in every frame: what the user is asked about may have ended."""
+        leaving = self.leaving
+        if leaving is None or leaving.about in self._losses():
+            return
+        if leaving.waits and self._app.takes.failed:
+            self.leaving = None  # what went wrong is said in the window
+        else:
+            self._go_on(leaving.settled)
 
-def follow(app) -> None:
-    """Called in every frame: what the user is asked about may have ended."""
-    leaving = app.leaving
-    if leaving is None or leaving.about in _losses(app):
-        return
-    if leaving.waits and app.takes.failed:
-        app.leaving = None  # what went wrong is said in the window
-    else:
-        _go_on(app, leaving.settled)
+    def settle(self) -> None:
+        """What the user is asked about may be lost, or stopped where it is."""
+        app, leaving = self._app, self.leaving
+        if leaving.about == WORK and app.autosave is not None:
+            app.autosave.end()
+            app.autosave = None
+        self._go_on(leaving.settled | {leaving.about})
 
+    def save(self) -> None:
+        """Save the work; if that fails the question stays, and says why."""
+        self.leaving.problem = self._app.save_session()
+        if not self.leaving.problem:
+            self._go_on(self.leaving.settled | {WORK})
 
-def settle(app) -> None:
-    """What the user is asked about may be lost, or stopped where it is."""
-    leaving = app.leaving
-    if leaving.about == WORK and app.autosave is not None:
-        app.autosave.end()
-        app.autosave = None
-    _go_on(app, leaving.settled | {leaving.about})
+    def _losses(self):
+        """What would be lost at the end."""
+        app = self._app
+        if app.live is not None and not app.live.ended:
+            return []  # training goes on without its window, and its objects can't be kept
+        losses = {
+            FILM: app.takes.job is not None,
+            TRAINING: app.train_job is not None,
+            WORK: app.scene is not None and app.scene.journal.unsaved,
+        }
+        return [name for name, is_so in losses.items() if is_so]
 
-
-def save(app) -> None:
-    """Save the work; if that fails the question stays, and says why."""
-    app.leaving.problem = app.save_session()
-    if not app.leaving.problem:
-        _go_on(app, app.leaving.settled | {WORK})
-
-
-def _losses(app):
-    """What would be lost at the end."""
-    if app.live is not None and not app.live.ended:
-        return []  # training goes on without its window, and its objects can't be kept
-    losses = {
-        FILM: app.takes.job is not None,
-        TRAINING: app.train_job is not None,
-        WORK: app.scene is not None and app.scene.journal.unsaved,
-    }
-    return [name for name, is_so in losses.items() if is_so]
-
-
-def _go_on(app, settled):
-    """Ask about what isn't settled yet, or quit."""
-    left = [name for name in _losses(app) if name not in settled]
-    if left:
-        app.leaving = Leaving(left[0], settled)
-    else:
-        app.leaving, app.window.has_exit = None, True
+    def _go_on(self, settled):
+        """Ask about what isn't settled yet, or quit."""
+        left = [name for name in self._losses() if name not in settled]
+        if left:
+            self.leaving = Leaving(left[0], settled)
+        else:
+            self.leaving, self._app.window.has_exit = None, True

@@ -13,6 +13,9 @@ SHOWN = (  # in films too
     *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SIDES = "left", "right"
+THEMES = "dark", "light"
+TASKS = "bend", "rig", "animate", "film", "view"  # what the panel is about
+SCALES = 0.5, 4.0  # of the panels, over what the system says
 KEYS = {"deformrf": "deformrf", "blender": "Blender"}  # whose keys these are
 GIZMOS = "move", "turn", "scale", "off"
 HANDS = "physics", "pose"  # what becomes of what a hand lets go: it swings back, or stays
@@ -53,8 +56,11 @@ class Settings:
     brush_radius: float = 24.0  # points, of the brush that deletes
     show_box: bool = False  # that training found around the object
     show_panel: bool = True
-    panel_side: str = "left"  # one of SIDES
-    panel_width: float = 330.0  # points
+    task: str = "bend"  # one of TASKS
+    panel_side: str = "right"  # one of SIDES
+    panel_width: float = 300.0  # points
+    theme: str = "dark"  # one of THEMES
+    panel_scale: float = 1.0  # letters and buttons, over what the system says
     show_help: bool = False
     has_chosen_keys: bool = False  # until then a line offers them
     has_dragged: bool = False  # a red point, ever; until then a line says how

@@ -4,11 +4,11 @@ import gc
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from . import panels, preferences
+from . import preferences
 from .document import autosave_folder, left_behind, start_of
-from .input import Controls, Fly
 from .layers import BoneLayer, HandleLayer, MeshLayer, RadianceLayer, choose_path
 from .loading import Progress, prepare
+from .tools import Controls, Fly
 
 
 def load(app, field, name: str, device: str, interop: str = "auto") -> None:
@@ -28,7 +28,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         with ThreadPoolExecutor(1) as pool, app.only_shown():
             preparing = pool.submit(prepare, *arguments)
             while not preparing.done():
-                app.show_alone(panels.loading_window, f"preparing {name}", app.progress)
+                app.show_alone(app.panels.loading_window, f"preparing {name}", app.progress)
                 time.sleep(0.05)
             scene, renderer = preparing.result()
     app.usual_fps = scene.settings.target_fps
@@ -46,7 +46,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
     if app.gui is not None:
         for sentence in [] if app.autosave is None else app.autosave.leave():
             app.recorder.say(sentence)
-        app.left_behind = left_behind(autosave_folder(), field.mesh)
+        app.questions.left_behind = left_behind(autosave_folder(), field.mesh)
         app.begin_autosave()
 
 

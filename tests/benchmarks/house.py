@@ -62,7 +62,7 @@ def of_a_dragged_frame() -> Counter:
 
     app = App(window, context, EventLog(False), gui=True)
     app.load(load(DEFAULT_MODEL), "model", "cpu")
-    app.controls._grab(int(app.scene.handles.control_ids[0]))
+    app.controls.grab(int(app.scene.handles.control_ids[0]))
     for step in range(20):
         app.window.dispatch_event("on_mouse_drag", 100 + step, 100, 1, 0, 1, 0)
         with functions_called() as calls:

@@ -30,7 +30,7 @@ class Studio:
 
         self.app = App(window, context, EventLog(False))
         self.app.load(field or fields.load(DEFAULT_MODEL), name, "cpu")
-        self.app.left_behind = None
+        self.app.questions.left_behind = None
         self.app.scene.settings.panel_in_screenshots = True
 
     def frames(self, count, seconds=1 / 60):
@@ -92,7 +92,7 @@ def ground(studio):
 
 
 def timeline(studio):
-    from deformrf.viewer.input import ACTIONS
+    from deformrf.viewer.actions import ACTIONS
 
     app = studio.app
     ACTIONS["turntable"](app)
@@ -104,7 +104,7 @@ def timeline(studio):
 
 
 def rig(studio):
-    from deformrf.viewer.input import ACTIONS
+    from deformrf.viewer.actions import ACTIONS
     from deformrf.wings.rig import turned
 
     app, scene = studio.app, studio.app.scene

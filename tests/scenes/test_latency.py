@@ -39,7 +39,7 @@ def test_a_drag_an_orbit_and_a_zoom_show_within_two_frames(app):
     scene.settings.accumulate = False
     ids = scene.handles.control_ids
     handle = int(ids[np.flatnonzero(controls.shown(ids))[0]])
-    controls._grab(handle)
+    controls.grab(handle)
     x, y = app.window.width // 2, app.window.height // 2
 
     def dispatch(name, *arguments):

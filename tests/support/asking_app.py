@@ -2,7 +2,7 @@
 
 from contextlib import contextmanager
 
-from deformrf.viewer.input import ACTIONS
+from deformrf.viewer.actions import ACTIONS
 
 
 @contextmanager

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from deformrf.viewer.actions import inputs_of
 from deformrf.viewer.camera import Covered, Orbit, camera_of, in_free_part, project
 from deformrf.viewer.document import rotation_matrix
-from deformrf.viewer.input import inputs_of
-from deformrf.viewer.input.inputs import ALT, CTRL, LEFT, MIDDLE, RIGHT, SHIFT
+from deformrf.viewer.tools import ALT, CTRL, LEFT, MIDDLE, RIGHT, SHIFT
 
 MODIFIERS = {"CTRL": CTRL, "ALT": ALT, "SHIFT": SHIFT}
 # What would leave the scene, write a file, or open a dialog that has the keys.

@@ -10,6 +10,7 @@ from PIL import Image
 
 from deformrf.core.render import RenderOptions
 from deformrf.viewer.camera import picking
+from deformrf.viewer.settings import TASKS
 
 pytestmark = pytest.mark.gl
 
@@ -92,7 +93,7 @@ def test_a_line_says_how_to_begin_until_a_red_point_has_been_dragged(bare):
         return line is not None and line.was_active
 
     x, y = view_point(bare, free_vertex(bare))
-    assert is_shown() and not bare.gui.covers(bare.window.width // 2, bare.window.height - 20)
+    assert is_shown() and not bare.gui.covers(bare.window.width // 2, bare.window.height - 50)
     bare.scene.settings.show_help = True
     assert not is_shown()
     bare.scene.settings.show_help = False
@@ -116,16 +117,16 @@ def test_the_list_of_keys_shrinks_with_the_window(bare):
 def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
     from pyglet.window import mouse
 
-    from deformrf.viewer.panels.deform import vertex_line
+    from deformrf.viewer.panels.bend import vertex_line
 
     vertex = free_vertex(bare)
     at = view_point(bare, vertex)
-    assert vertex_line(bare.scene) == "nothing under the mouse"
+    assert vertex_line(bare.scene.handles) == "nothing under the mouse"
     send(bare, "on_mouse_motion", *at, 0, 0)
-    assert vertex_line(bare.scene) == f"vertex {vertex}"
+    assert vertex_line(bare.scene.handles) == f"vertex {vertex}"
     send(bare, "on_mouse_press", *at, mouse.LEFT, 0)
     send(bare, "on_mouse_drag", at[0] + 9, at[1], 9, 0, mouse.LEFT, 0)
-    assert vertex_line(bare.scene) == f"holding vertex {vertex}"
+    assert vertex_line(bare.scene.handles) == f"holding vertex {vertex}"
     send(bare, "on_mouse_release", *at, mouse.LEFT, 0)
 
 
@@ -147,7 +148,7 @@ def test_a_press_on_the_panel_stays_there(app):
     from pyglet.window import mouse
 
     orbit = app.scene.orbit
-    inside = 60, app.window.height - 60
+    inside = app.window.width - 60, app.window.height - 60
     assert app.gui.covers(*inside)
     send(app, "on_mouse_press", *inside, mouse.LEFT, 0)
     send(app, "on_mouse_drag", 70, 100, 10, -80, mouse.LEFT, 0)
@@ -186,23 +187,18 @@ def widgets(monkeypatch):
 
 
 def test_no_two_widgets_have_the_same_id(app, widgets, monkeypatch):
-    from deformrf.viewer.panels import layout
-
-    sections = tuple((title, panel, True) for title, panel, _ in layout.SECTIONS)
-    monkeypatch.setattr(layout, "SECTIONS", sections)
-    frames(app, 2)
-    widgets.clear()
-    frames(app, 1)
-    ids = [identity for _, identity, _ in widgets]
-    assert len(ids) > 20
-    assert len(set(ids)) == len(ids)
+    for task in TASKS:
+        app.scene.settings.task = task
+        frames(app, 2)
+        widgets.clear()
+        frames(app, 1)
+        ids = [identity for _, identity, _ in widgets]
+        assert len(ids) > 15
+        assert len(set(ids)) == len(ids), task
 
 
 def test_the_clip_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_path):
-    from deformrf.viewer.panels import layout
-
-    only = tuple(section for section in layout.SECTIONS if section[0] == "Record")
-    monkeypatch.setattr(layout, "SECTIONS", only)  # the others would scroll it out of sight
+    app.scene.settings.task = "film"
     frames(app, 3)
     click(app, [at for label, _, at in widgets if label == "Clip of the screen"][-1])
     assert app.recorder.video is not None
@@ -340,7 +336,7 @@ def test_while_samples_are_added_frames_are_drawn_only_for_whole_ones(app):
 def test_a_mouse_event_anywhere_makes_the_loop_draw_again(app, at):
     app.scene.settings.show_panel = at == "panel"
     rest(app)
-    x, y = 60, app.window.height - 90
+    x, y = app.window.width - 60, app.window.height - 90
     assert app.gui.covers(x, y) == (at == "panel")
     frame_count = app.frame_count
     app.window.dispatch_event("on_mouse_motion", x, y, 0, 0)
@@ -377,9 +373,12 @@ def test_the_panel_says_what_the_picture_is(app):
 def test_the_panel_says_when_the_object_is_slower_than_the_clock(app, monkeypatch):
     from imgui_bundle import imgui
 
-    from deformrf.viewer.panels.deform import HOLDS
+    from deformrf.viewer.panels import inspector
     from deformrf.viewer.panels.view import SHOWN_TOOLTIP, shown_lines
 
+    shown = [one._replace(is_open=True) for one in inspector.SECTIONS["view"]]
+    monkeypatch.setitem(inspector.SECTIONS, "view", shown)
+    app.scene.settings.task = "view"
     tooltips = []
     monkeypatch.setattr(imgui, "set_item_tooltip", tooltips.append)
     app.scene.handles.grab(int(app.scene.handles.control_ids[0]))
@@ -389,7 +388,7 @@ def test_the_panel_says_when_the_object_is_slower_than_the_clock(app, monkeypatc
         app.scene.handles.drag_to(app.scene.handles.grabbed.target.place + np.array([0.05, 0, 0]))
         app.frame(0.5)  # of which 0.1 s are simulated
     assert "object time × 0.2" in shown_lines(app.radiance, app.times)[1]
-    assert {SHOWN_TOOLTIP, HOLDS} <= {*tooltips}
+    assert SHOWN_TOOLTIP in tooltips
 
 
 def test_m_goes_through_the_modes(bare):
@@ -408,10 +407,11 @@ def test_m_goes_through_the_modes(bare):
 def test_stages_of_rendering_are_shown_if_asked_for(app, monkeypatch):
     from imgui_bundle import imgui
 
-    from deformrf.viewer.panels import layout
+    from deformrf.viewer.panels import inspector
 
-    only = tuple((*section[:2], True) for section in layout.SECTIONS if section[0] == "Time")
-    monkeypatch.setattr(layout, "SECTIONS", only)
+    shown = [one._replace(is_open=True) for one in inspector.SECTIONS["view"]]
+    monkeypatch.setitem(inspector.SECTIONS, "view", shown)
+    app.scene.settings.task = "view"
     lines = []
     monkeypatch.setattr(imgui, "text_disabled", lines.append)
     app.scene.settings.time_rendering = True

@@ -153,7 +153,7 @@ def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch, two_modules)
     from imgui_bundle import imgui
 
     from deformrf.viewer.gui import Gui
-    from deformrf.viewer.panels import loading_window
+    from deformrf.viewer.panels import Panels
 
     gui = Gui(window[0])
     lines, notes, bars = [], [], []
@@ -165,7 +165,7 @@ def test_the_window_shows_the_stages_and_a_bar(window, monkeypatch, two_modules)
 
     def shown():
         gui.begin()
-        loading_window("preparing ball", two_modules)
+        Panels(SimpleNamespace(gui=gui)).loading_window("preparing ball", two_modules)
         gui.end()
         return lines[-1]
 

@@ -1,5 +1,6 @@
 """The log file, and errors that a user is told of."""
 
+import functools
 import logging
 
 import pytest
@@ -81,8 +82,7 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
 ):
     from pyglet.window import key
 
-    from deformrf.viewer import panels
-    from deformrf.viewer.input import ACTIONS
+    from deformrf.viewer.actions import ACTIONS, Action
 
     failures = ["by chance"]
 
@@ -97,14 +97,16 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
     if place == "frame":
         app.scene.advance = failing_once(app.scene.advance)
     elif place == "event":
-        monkeypatch.setitem(ACTIONS, "reset", failing_once(ACTIONS["reset"]))
+        reset = ACTIONS["reset"].function
+        failing = functools.wraps(reset)(failing_once(reset))
+        monkeypatch.setitem(ACTIONS, "reset", Action(failing))
         app.window.dispatch_event("on_key_press", key.R, 0)
     else:
-        monkeypatch.setattr(panels, "draw_panels", failing_once(panels.draw_panels))
+        app.panels.draw = failing_once(app.panels.draw)
     run_until_closed(app, 4)
     assert "ZeroDivisionError: by chance" in log_file.read_text()
     if place != "panels":  # these say it in their own place
-        assert app.dialog == Problem(
+        assert app.questions.dialog == Problem(
             "Something went wrong", "ZeroDivisionError: by chance", log_file
         )
 

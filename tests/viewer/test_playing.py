@@ -32,7 +32,7 @@ def test_an_earlier_integrator_is_told_of(app, bent):
     header, *events = bent.read_text().splitlines()
     bent.write_text("\n".join([header.replace('"extrapolated"', '"euler"'), *events]))
     for path in (bent, save_session(app.scene, app.session_start, bent.with_name("new.jsonl"))):
-        app.asked = path
+        app.opening.asked = path
         app.frame(0.0)
         assert (app.scene.solver.options.integrator == "euler") == (path == bent)
         assert ("(euler)" in app.recorder.message) == (path == bent), app.recorder.message
@@ -52,7 +52,7 @@ def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
     """A file of a few lines may say that it is so long."""
     from pyglet.window import key
 
-    from deformrf.viewer import panels, playing
+    from deformrf.viewer import playing
 
     shown = []
 
@@ -63,17 +63,17 @@ def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
         app.window.dispatch_event(*pressed)
 
     monkeypatch.setattr(playing, "SILENT_SECONDS", 0.0)
-    monkeypatch.setattr(panels, "playing_window", draw)
+    monkeypatch.setattr(app.panels, "playing_window", draw)
     scene = app.scene
     events, orbit, pose = list(scene.journal.events), scene.orbit, scene.positions.copy()
     turning = Event(0, "turntable", {"ticks": 60, "orbit": asdict(orbit)})
     day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [turning])
-    assert not app.play(day) and app.closing == (how == "close")
+    assert not app.playing.play(day) and app.closing == (how == "close")
     assert scene.journal.events == events and scene.orbit == orbit and scene.on_ground
     np.testing.assert_allclose(scene.positions, pose, atol=1e-6)
     assert "stopped" in app.recorder.message
     app.run(app.frame_count + 1)
-    assert (app.leaving is not None) == (how == "close") and not app.window.has_exit
+    assert (app.questions.leaving is not None) == (how == "close") and not app.window.has_exit
     assert scene.undo()
 
 
@@ -81,13 +81,12 @@ def test_a_session_of_a_day_can_be_stopped(app, monkeypatch, how):
 def test_what_takes_hours_is_asked_about(app, monkeypatch, answer):
     from pyglet.window import key
 
-    from deformrf.viewer import panels
     from deformrf.viewer.document.sessions import player
 
     monkeypatch.setattr(player, "SURE_SECONDS", 0.0)
     monkeypatch.setattr(player, "LONG", 0.0)
     monkeypatch.setattr(player, "BATCH_SECONDS", 0.0)
-    asked, draw = [], panels.playing_window
+    asked, draw = [], app.panels.playing_window
 
     def ask(tick, patience):
         draw(tick, patience)
@@ -95,10 +94,10 @@ def test_what_takes_hours_is_asked_about(app, monkeypatch, answer):
         if len(asked) == 3:
             app.window.dispatch_event("on_key_press", getattr(key, answer.upper()), 0)
 
-    monkeypatch.setattr(panels, "playing_window", ask)
+    monkeypatch.setattr(app.panels, "playing_window", ask)
     turning = Event(0, "turntable", {"ticks": 60, "orbit": asdict(app.scene.orbit)})
     before = app.scene.journal.tick
-    played = app.play(Session({"start": {}, "ticks": 50}, [turning]))
+    played = app.playing.play(Session({"start": {}, "ticks": 50}, [turning]))
     assert played == (answer == "enter")
     assert asked[:3] == [(asked[0][0], True)] * 3  # nothing is played meanwhile
     assert app.scene.journal.tick == (50 if played else before)
@@ -107,13 +106,13 @@ def test_what_takes_hours_is_asked_about(app, monkeypatch, answer):
 def test_a_day_in_which_nothing_moves_is_played_at_once(app):
     events = [(5, "set_ground", {"height": 0.0}), (24 * 3600 * 60 - 3, "hold", {"held": False})]
     day = Session({"start": {}, "ticks": 24 * 3600 * 60}, [Event(*one) for one in events])
-    assert app.play(day) and app.scene.journal.tick == day.ticks
+    assert app.playing.play(day) and app.scene.journal.tick == day.ticks
     assert app.scene.journal.events[:2] == day.events
 
 
 def test_what_was_done_before_is_kept_and_offered_later(app, ball, bent):
     kept = app.autosave.path
-    app.asked = bent
+    app.opening.asked = bent
     app.frame(0.0)
     assert app.scene.body.gravity == 3.0
     assert "played bent.jsonl" in app.recorder.message and "is kept" in app.recorder.message
@@ -128,15 +127,15 @@ def test_what_was_left_behind_stays_until_the_new_file_is_written(app, bent, mon
     def fail(*arguments):
         raise OSError(28, "No space left on device")
 
-    app.left_behind = bent
+    app.questions.left_behind = bent
     with monkeypatch.context() as full:
         full.setattr(a, "save_session", fail)
-        app.recover()
+        app.playing.recover()
     assert app.scene.body.gravity == 3.0 and bent.exists()
     assert "can't be kept" in app.recorder.message
     kept = app.autosave.path
-    app.left_behind = bent
-    app.recover()
+    app.questions.left_behind = bent
+    app.playing.recover()
     assert not bent.exists() and app.autosave.path.exists() and kept.exists()
 
 
@@ -155,7 +154,7 @@ def test_windows_in_the_middle_come_one_after_another(app, bent, monkeypatch):
 
     for name in ("begin", "begin_popup_modal"):
         monkeypatch.setattr(imgui, name, noted(getattr(imgui, name)))
-    app.left_behind, app.dialog = bent, Problem("a", "b")
+    app.questions.left_behind, app.questions.dialog = bent, Problem("a", "b")
     app.takes.ask()
     app.scene.settings.show_help = True
     for name in ("recovery", "dialog", "film", "help"):
@@ -163,7 +162,7 @@ def test_windows_in_the_middle_come_one_after_another(app, bent, monkeypatch):
         app.frame(0.0)
         assert [n for n in drawn if n in ("recovery", "dialog", "film", "help")] == [name]
         if name == "recovery":
-            app.left_behind = None
+            app.questions.left_behind = None
         elif name == "dialog":
-            app.dialog = None
+            app.questions.dialog = None
         app.takes.asking &= name != "film"

@@ -41,7 +41,7 @@ def test_without_work_nothing_is_asked(app, how):
     app.scene.set_ground(True)
     assert app.scene.undo()  # back to where it began
     quit_by(app, how)
-    assert app.window.has_exit and app.leaving is None
+    assert app.window.has_exit and app.questions.leaving is None
 
 
 @HOW
@@ -51,9 +51,9 @@ def test_work_is_asked_about_and_asking_again_answers_nothing(worked, how):
     for again in ("key", "menu", "close", how):
         quit_by(worked, again)
         frames(worked)
-        assert worked.leaving.about == "work" and not worked.window.has_exit
+        assert worked.questions.leaving.about == "work" and not worked.window.has_exit
     press(worked, key.ESCAPE)
-    assert worked.leaving is None and not worked.window.has_exit
+    assert worked.questions.leaving is None and not worked.window.has_exit
     assert worked.scene.on_ground and worked.autosave.path.exists()
     assert not worked.gui._failed
 
@@ -93,8 +93,8 @@ def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(
     quit_by(worked, "key")
     frames(worked)
     press(worked, key.RETURN)
-    assert not worked.window.has_exit and "No such file" in worked.leaving.problem
-    assert str(tmp_path / "absent") in worked.leaving.problem
+    assert not worked.window.has_exit and "No such file" in worked.questions.leaving.problem
+    assert str(tmp_path / "absent") in worked.questions.leaving.problem
     assert worked.autosave.path.exists() and not worked.gui._failed
     monkeypatch.setenv("HOME", str(tmp_path))
     send(worked, "on_key_press", key.RETURN, 0)
@@ -123,8 +123,8 @@ def test_what_is_saved_is_not_asked_about_until_more_is_done(worked):
 
 def test_a_drag_that_is_saved_in_its_middle_is_not_saved(app):
     scene, vertex = app.scene, int(app.scene.handles.control_ids[0])
-    app.controls._press = app.controls.pointer = np.zeros(2)
-    app.controls._grab(vertex)
+    app.controls.press_at = app.controls.pointer = np.zeros(2)
+    app.controls.grab(vertex)
     app.save_session()
     assert scene.journal.unsaved
     app.controls.cancel()
@@ -147,16 +147,16 @@ def test_a_session_that_is_opened_is_saved_and_one_that_was_left_behind_is_not(
     worked, ball, tmp_path
 ):
     path = save_session(worked.scene, worked.session_start, tmp_path / "s.jsonl")
-    worked.asked = path
+    worked.opening.asked = path
     frames(worked)
     assert worked.scene.on_ground and not worked.scene.journal.unsaved
-    worked.left_behind = save_session(
+    worked.questions.left_behind = save_session(
         worked.scene, worked.session_start, autosave_folder() / "ball-999999999-1.jsonl"
     )
-    worked.recover()
+    worked.playing.recover()
     assert worked.scene.on_ground and worked.scene.journal.unsaved
     quit_by(worked, "key")
-    assert worked.leaving.about == "work"
+    assert worked.questions.leaving.about == "work"
 
 
 def test_the_end_of_a_loop_that_asked_nobody_keeps_work(worked, ball):
@@ -171,7 +171,7 @@ def test_training_that_would_stop_is_asked_about(app, places):
     app.train_job = SimpleNamespace(offer=offer, began=0.0, close=lambda: None, **running)
     quit_by(app, "key")
     frames(app)
-    assert app.leaving.about == "training" and not app.window.has_exit
+    assert app.questions.leaving.about == "training" and not app.window.has_exit
     click(app, places["Stop it and quit"])
     assert app.window.has_exit
 
@@ -196,13 +196,13 @@ def test_a_film_is_waited_for(filming, tmp_path):
 
     quit_by(filming, "key")
     frames(filming)
-    assert filming.leaving.about == "film"
+    assert filming.questions.leaving.about == "film"
     press(filming, key.ESCAPE)
-    assert filming.leaving is None and filming.takes.job is not None
+    assert filming.questions.leaving is None and filming.takes.job is not None
     quit_by(filming, "close")
     frames(filming)
     press(filming, key.RETURN)
-    assert filming.leaving.waits and not filming.window.has_exit
+    assert filming.questions.leaving.waits and not filming.window.has_exit
     filming.run()
     assert (tmp_path / "here" / "film.mp4").exists()
 
@@ -229,5 +229,5 @@ def test_a_film_that_fails_while_it_is_waited_for_keeps_the_window(app, monkeypa
     while app.takes.job is not None and time.monotonic() < deadline:
         frames(app)
     frames(app)
-    assert app.leaving is None and not app.window.has_exit
+    assert app.questions.leaving is None and not app.window.has_exit
     assert "--size is 9x9" in app.recorder.message

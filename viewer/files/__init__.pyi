@@ -6,10 +6,5 @@ from .export import (
 )
 
 # For the rest of the viewer.
-from .opening import (
-    ask_for_file as ask_for_file,
-    open_asked as open_asked,
-    open_photographs as open_photographs,
-    show_model as show_model,
-)
+from .opening import Opening as Opening
 from .dialogs import FileDialog as FileDialog, Problem as Problem, readable as readable

@@ -1,11 +1,12 @@
 """Files that the user opens: chosen in the window, dropped on it, or opened before.
 
-Nothing is loaded in the middle of an event or of a frame's panels: App.asked is the path, and
+Nothing is loaded in the middle of an event or of a frame's panels: `asked` is the path, and
 the next frame begins with `open_asked`.  A file that can't be opened leaves the scene as it is.
 """
 
 import logging
 import os
+from functools import partial
 from pathlib import Path
 
 from ...core import field as fields
@@ -22,68 +23,6 @@ MODEL, SESSION = ".npz", ".jsonl"
 log = logging.getLogger(__name__)
 
 
-def ask_for_file(app) -> None:
-    """Show the dialog to choose a model or session in."""
-    recent = [Path(name).parent for name in app.preferences.recent]
-    folder = next((path for path in recent if os.path.isdir(path)), working_folder())
-
-    def chosen(path):
-        app.asked = path
-
-    app.dialog = FileDialog("Open", folder, (MODEL, SESSION), chosen)
-
-
-def open_asked(app) -> None:
-    """Open what was asked for: a model in the place of the one that is shown, or a session."""
-    path, app.asked = app.asked, None
-    app.dialog = None
-    if path == app.left_behind:
-        app.recover()
-        return
-    try:
-        if needs_training(path):
-            app.offer_training(path)
-            return
-        if path.is_dir():
-            open_photographs(app, path)
-            return
-        if path.suffix.lower() == SESSION:
-            opened = open_session(path, app.scene.field, app.scene.source)
-            show_model(app, opened.field, opened.source)
-            said = f"played {path.name}: go on, or undo it"
-            if not app.play(opened.session, "; ".join(filter(None, [said, opened.said]))):
-                return
-        elif path.suffix.lower() == MODEL:
-            show_model(app, fields.load(path), path)
-        else:
-            raise ValueError(
-                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf train "
-                f"makes a model of a data set's folder"
-            )
-    except (OSError, ValueError, MemoryError) as error:
-        sentence = plain_message(error) or "the memory is too small"
-        log.warning("can't open %s: %s", path, sentence)
-        _tell(app, path, sentence)
-    except Exception as error:  # Warp's and OpenGL's, as when a device's memory is too small
-        log.exception("can't open %s", path)
-        _tell(app, path, logs.sentence(error), app.log_file)
-    else:
-        app.log("opened", path=path)
-        app.preferences.opened(path)
-        problem = app.preferences.save()
-        if problem:
-            app.recorder.say(problem)
-
-
-def show_model(app, field, source: Path | None) -> None:
-    """Show another model, of that file; nothing changes if it is the one that is shown."""
-    if field is app.scene.field:
-        return
-    on = app.loaded_on or (str(app.scene.solver.device), "auto")
-    app.load(field, app.scene.name if source is None else source.stem, *on)
-    app.scene.source = source
-
-
 def needs_training(path: Path) -> bool:
     """Whether these are photographs, or a video, whose cameras no file has."""
     if capture.is_video(path):
@@ -91,24 +30,97 @@ def needs_training(path: Path) -> bool:
     return path.is_dir() and not has_cameras(path) and photo_folder(path) is not None
 
 
-def open_photographs(app, folder: Path, outside=False) -> None:
-    """Take the photographs of the scene's data set from its folder.
+class Opening:
+    """Opens files in one window.
 
-    Args:
-        outside: Also those that lie outside the folder.
-
-    Raises:
-        DatasetError: The folder is no data set, or has no photograph.
+    Attributes:
+        asked: The path to open next, or None.
     """
-    from ..camera import Photographs
 
-    app.photographs = Photographs(folder, app.scene.field.world_to_model, outside)
-    for sentence in app.photographs.said:
-        log.warning(printable(sentence))
-    app.scene.settings.show_box = True
-    app.recorder.say(f"{len(app.photographs)} photographs: [ and ] jump to their cameras")
+    def __init__(self, app):
+        self.asked: Path | None = None
+        self._app = app
 
+    def ask(self) -> None:
+        """Show the dialog to choose a model or session in."""
+        recent = [Path(name).parent for name in self._app.preferences.recent]
+        folder = next((path for path in recent if os.path.isdir(path)), working_folder())
+        chosen = partial(setattr, self, "asked")
+        self._app.questions.dialog = FileDialog("Open", folder, (MODEL, SESSION), chosen)
 
-def _tell(app, path, sentence, log_file=None):
-    app.log("problem", path=path, sentence=sentence)
-    app.dialog = Problem(f"Can't open {path.name}", sentence, log_file)
+    def open_asked(self) -> None:
+        """Open what was asked for: a model in the place of the one that is shown, or a session."""
+        app, path = self._app, self.asked
+        self.asked = app.questions.dialog = None
+        if path == app.questions.left_behind:
+            app.playing.recover()
+            return
+        try:
+            if not self._open(path):
+                return
+        except (OSError, ValueError, MemoryError) as error:
+            sentence = plain_message(error) or "the memory is too small"
+            log.warning("can't open %s: %s", path, sentence)
+            self._tell(path, sentence)
+        except Exception as error:  # Warp's and OpenGL's, as when a device's memory is too small
+            log.exception("can't open %s", path)
+            self._tell(path, logs.sentence(error), app.log_file)
+        else:
+            app.log("opened", path=path)
+            app.preferences.opened(path)
+            problem = app.preferences.save()
+            if problem:
+                app.recorder.say(problem)
+
+    def _open(self, path):
+        """Open a file or a folder; whether it is one that can be opened again."""
+        app = self._app
+        if needs_training(path):
+            app.offer_training(path)
+            return False
+        if path.is_dir():
+            self.open_photographs(path)
+            return False
+        if path.suffix.lower() == SESSION:
+            opened = open_session(path, app.scene.field, app.scene.source)
+            self.show_model(opened.field, opened.source)
+            said = f"played {path.name}: go on, or undo it"
+            return app.playing.play(opened.session, "; ".join(filter(None, [said, opened.said])))
+        if path.suffix.lower() != MODEL:
+            raise ValueError(
+                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf train "
+                f"makes a model of a data set's folder"
+            )
+        self.show_model(fields.load(path), path)
+        return True
+
+    def show_model(self, field, source: Path | None) -> None:
+        """Show another model, of that file; nothing changes if it is the one that is shown."""
+        app = self._app
+        if field is app.scene.field:
+            return
+        on = app.loaded_on or (str(app.scene.solver.device), "auto")
+        app.load(field, app.scene.name if source is None else source.stem, *on)
+        app.scene.source = source
+
+    def open_photographs(self, folder: Path, outside=False) -> None:
+        """Take the photographs of the scene's data set from its folder.
+
+        Args:
+            outside: Also those that lie outside the folder.
+
+        Raises:
+            DatasetError: The folder is no data set, or has no photograph.
+        """
+        from ..camera import Photographs
+
+        app = self._app
+        app.photographs = Photographs(folder, app.scene.field.world_to_model, outside)
+        for sentence in app.photographs.said:
+            log.warning(printable(sentence))
+        app.scene.settings.show_box = True
+        app.recorder.say(f"{len(app.photographs)} photographs: [ and ] jump to their cameras")
+
+    def _tell(self, path, sentence, log_file=None):
+        self._app.log("problem", path=path, sentence=sentence)
+        self._app.questions.dialog = Problem(f"Can't open {path.name}", sentence, log_file)

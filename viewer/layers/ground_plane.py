@@ -88,9 +88,9 @@ def _blurred(picture, width: int):
     return picture
 
 
-def line_spacing(scene) -> float:
-    """Meters between two lines of the ground: 1, 2 or 5 times a power of ten."""
-    wanted = max(scene.body.meters, 1e-9) / LINES
+def line_spacing(meters: float) -> float:
+    """Meters between two lines of the ground under an object so long: 1, 2 or 5 · 10ⁿ."""
+    wanted = max(meters, 1e-9) / LINES
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * max(plain for plain in PLAIN_LENGTHS if plain * power <= wanted))
 
@@ -129,7 +129,7 @@ class GroundPlane:
             "ground_height": height,
             "ground_middle": tuple(scene.center[:2]),
             "ground_reach": 2.5 * scene.size,
-            "line_spacing": line_spacing(scene) / scene.body.meters_per_unit,
+            "line_spacing": line_spacing(scene.body.meters) / scene.body.meters_per_unit,
             "shadow_center": self._shadow.center,
             "shadow_side": self._shadow.side,
         }

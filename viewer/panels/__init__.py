@@ -1,7 +1,7 @@
-"""The panels: each a function of the App that draws one section.
+"""The panels: functions that draw, with Dear ImGui, what they get as arguments.
 
-They read the App's state, and change it through the scene's methods, its settings, and the
-actions, which the keys call too.
+Their parameters name the parts of the window that they show (parts.py).  They change something
+through methods of these parts and through actions, which keys and menus call, too.
 """
 
 import lazy_loader

@@ -9,7 +9,7 @@ import numpy as np
 from imgui_bundle import imgui
 
 from ..camera import depth_at, project
-from ..input import BRUSH, found_box
+from ..tools import BRUSH, found_box
 
 LINE = imgui.get_color_u32
 SEEN, HIDDEN = (0.10, 0.45, 0.85, 0.95), (0.10, 0.45, 0.85, 0.30)
@@ -27,12 +27,12 @@ def box_edges(box):
     return np.array([(1.0 - shares) * corners[a] + shares * corners[b] for a, b in EDGES])
 
 
-def box_overlay(app) -> None:
+def box_overlay(field, settings, controls, radiance) -> None:
     """Draw the box that was found around the object, if it is to be shown."""
-    box = found_box(app.scene.field)
-    if box is None or not app.scene.settings.show_box:
+    box = found_box(field)
+    if box is None or not settings.show_box:
         return
-    controls, depth = app.controls, app.radiance.depth_image()
+    depth = radiance.depth_image()
     camera, lines = controls.camera, imgui.get_background_draw_list()
     for points in box_edges(box):
         pixels, away = project(camera, points)
@@ -46,11 +46,10 @@ def box_overlay(app) -> None:
                 lines.add_line(tuple(start), tuple(end), LINE(SEEN if is_seen else HIDDEN), 1.0)
 
 
-def brush_overlay(app) -> None:
+def brush_overlay(settings, controls, gui) -> None:
     """Draw the ring of the brush around the mouse."""
-    settings, controls = app.scene.settings, app.controls
-    in_view = not app.gui.mouse_on_panel
-    app.gui.point_with_cross(in_view and settings.tool != "grab")
+    in_view = not gui.mouse_on_panel
+    gui.point_with_cross(in_view and controls.tool.cross)
     if settings.tool != BRUSH or not in_view:
         return
     at, radius = tuple(controls.pointer / controls.ratio), settings.brush_radius

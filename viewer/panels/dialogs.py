@@ -4,24 +4,28 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
+from ..actions import ActionSearch
 from ..files import FileDialog, Problem, readable
 from ..training import TrainOffer
 from .offering import offer_panel
+from .search import search_window
 from .widgets import was_entered
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
 
 
-def dialog_window(app) -> None:
-    """Draw the App's dialog; it is None once the user has answered."""
-    width = min(WIDTH, imgui.get_io().display_size.x - 60.0)
-    if isinstance(app.dialog, TrainOffer):
-        done = offer_panel(app, width)
+def dialog_window(questions, begin_training, actions, settings) -> None:
+    """Draw the dialog of a window; it is None once the user has answered."""
+    width, dialog = min(WIDTH, imgui.get_io().display_size.x - 60.0), questions.dialog
+    if isinstance(dialog, TrainOffer):
+        done = offer_panel(dialog, begin_training, width)
+    elif isinstance(dialog, ActionSearch):
+        search_window(dialog, questions, actions, settings, width)
+        return
     else:
-        draw = {FileDialog: _choice, Problem: _problem}[type(app.dialog)]
-        done = draw(app.dialog, width)
+        done = {FileDialog: _choice, Problem: _problem}[type(dialog)](dialog, width)
     if done:
-        app.dialog = None
+        questions.dialog = None
 
 
 def _problem(problem, width):

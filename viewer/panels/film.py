@@ -14,9 +14,8 @@ it needs 4 samples or more, and 16 look smooth"""
 SAMPLES_TOOLTIP = "rays a pixel: 16 make smooth edges, and take 16 times as long"
 
 
-def film_window(app):
+def film_window(takes):
     """Ask for size, rate, format and name of a film of the last take."""
-    takes = app.takes
     choices = takes.choices
     imgui.push_item_width(0.6 * FILM_WIDTH)
     imgui.text(f"a film of {takes.take.seconds:.1f} s, rendered in full")
@@ -58,9 +57,9 @@ def film_window(app):
     imgui.pop_item_width()
 
 
-def progress_window(app):
+def progress_window(takes):
     """How far a film is, with a button that ends it."""
-    job = app.takes.job
+    job = takes.job
     imgui.text("rendering the film")
     left = job.seconds_left
     share = job.frame / max(job.count, 1)

@@ -1,11 +1,12 @@
 """The gizmo over the picture, and the switch that says what it does."""
 
+from functools import partial
+
 from imgui_bundle import imgui
 
-from ..input import gizmo_of
 from ..settings import GIZMOS
 from .selection import AXES
-from .widgets import combo, setting, with_key
+from .widgets import segments, setting, text_field
 
 LINE = imgui.get_color_u32
 VIEW = (0.35, 0.36, 0.40, 0.9)  # what has no axis
@@ -23,12 +24,12 @@ OWN = """along the axes that the object has there now, or the bone's;
 while dragging: X, Y or Z twice"""
 
 
-def gizmo_overlay(app) -> None:
+def gizmo_overlay(controls, fly) -> None:
     """Draw the gizmo beneath the panels."""
-    gizmo = None if app.fly.on else gizmo_of(app.scene)
+    gizmo = None if fly.on else controls.tool.gizmo
     if gizmo is None:
         return
-    controls, lines = app.controls, imgui.get_background_draw_list()
+    lines = imgui.get_background_draw_list()
     chosen = None if controls.part is None else controls.part.name
     for part in controls.gizmo_parts():
         points = [tuple(point) for point in part.line / controls.ratio]
@@ -57,28 +58,22 @@ def _tip(lines, points, color, kind):
     lines.add_triangle_filled(left, right, (x, y), color)
 
 
-def gizmo_switch(app) -> None:
+def gizmo_switch(settings, controls, gui, actions) -> None:
     """What the gizmo does, and along which axes."""
-    settings = app.scene.settings
-
-    def choose(kind):
-        settings.gizmo = kind
-
-    imgui.set_next_item_width(CHOICE)
-    combo("gizmo", settings.gizmo, GIZMOS, choose, with_key(app, "next_gizmo", TOLD))
-    imgui.same_line()
-    setting("own axes", settings, "own_axes", with_key(app, "own_axes", OWN))
-    gizmo = gizmo_of(app.scene)
+    words = {kind: kind.capitalize() for kind in GIZMOS}
+    told = actions.with_key("next_gizmo", TOLD)
+    segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
+    setting("own axes", settings, "own_axes", actions.with_key("own_axes", OWN))
+    gizmo = controls.tool.gizmo
     if gizmo is not None:
-        _amount(app, gizmo.kind)
+        _amount(controls, gui, gizmo.kind)
 
 
-def _amount(app, kind):
+def _amount(controls, gui, kind):
     """A number, and buttons that move, turn or scale by it."""
-    imgui.set_next_item_width(CHOICE)
-    _, app.gui.amount = imgui.input_text_with_hint("##amount", HINTS[kind], app.gui.amount)
+    gui.amount = text_field("##amount", gui.amount, HINTS[kind], CHOICE)
     imgui.set_item_tooltip(UNITS[kind])
     for axis, name in enumerate("xyz"):
         imgui.same_line()
         if imgui.button(f"{kind} {name}"):
-            app.controls.apply(app.gui.amount, axis)
+            controls.apply(gui.amount, axis)

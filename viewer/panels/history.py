@@ -7,13 +7,12 @@ from .widgets import button
 SHOWN = 8  # steps
 
 
-def history_panel(app):
-    journal = app.scene.journal
-    button("Undo", app, "undo")
+def history_panel(journal, actions):
+    button("Undo", actions, "undo")
     imgui.same_line()
-    button("Redo", app, "redo")
+    button("Redo", actions, "redo")
     imgui.same_line()
-    button("Save session", app, "save_session", "deformrf render makes a film of it")
+    button("Save session", actions, "save_session", "deformrf render makes a film of it")
     for line, undone in shown_steps(journal):
         (imgui.text_disabled if undone else imgui.text)(line)
 

@@ -2,7 +2,6 @@
 
 from imgui_bundle import imgui
 
-from .. import questions
 from ..files import readable
 from ..questions import FILM, TRAINING
 from .widgets import was_entered
@@ -10,19 +9,21 @@ from .widgets import was_entered
 WIDTH = 460.0
 
 
-def leaving_window(app) -> None:
+def leaving_window(questions, takes) -> None:
     """Ask about a film, training or work that no file has; Esc is to stay."""
     imgui.push_text_wrap_pos(WIDTH)
-    draw = {FILM: _film, TRAINING: _training}.get(app.leaving.about, _work)
-    draw(app)
+    if questions.leaving.about == FILM:
+        _film(questions, takes.job)
+    else:
+        (_training if questions.leaving.about == TRAINING else _work)(questions)
     imgui.pop_text_wrap_pos()
     imgui.same_line()
     if imgui.button("Stay"):
-        questions.dismiss(app)
+        questions.dismiss()
 
 
-def _film(app):
-    leaving, job = app.leaving, app.takes.job
+def _film(questions, job):
+    leaving = questions.leaving
     imgui.text("A film is being rendered")
     done = "" if job is None or not job.count else f" ({job.frame} of {job.count} frames are done)"
     when = "The window closes when it is ready" if leaving.waits else "It is not ready yet"
@@ -33,25 +34,25 @@ def _film(app):
             leaving.waits = True
         imgui.same_line()
     if imgui.button("Stop it and quit"):
-        questions.settle(app)
+        questions.settle()
 
 
-def _training(app):
+def _training(questions):
     imgui.text("A model is being trained")
     imgui.text_wrapped("If you quit, training stops, and what is done of it is written.")
     imgui.text_disabled("Esc: stay")
     if imgui.button("Stop it and quit"):
-        questions.settle(app)
+        questions.settle()
 
 
-def _work(app):
+def _work(questions):
     imgui.text("Save what you did?")
     imgui.text_wrapped("No file has it yet. Save writes a session into the current folder.")
-    if app.leaving.problem:
-        imgui.text_wrapped(readable(app.leaving.problem))
+    if questions.leaving.problem:
+        imgui.text_wrapped(readable(questions.leaving.problem))
     imgui.text_disabled("Enter: save; Esc: stay")
     if imgui.button("Save") or was_entered():
-        questions.save(app)
+        questions.save()
     imgui.same_line()
-    if imgui.button("Discard") and app.leaving is not None:
-        questions.settle(app)
+    if imgui.button("Discard") and questions.leaving is not None:
+        questions.settle()

@@ -4,88 +4,96 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
+from ..actions import inputs_of
 from ..files import readable
-from ..input import ACTIONS, inputs_of
 from ..settings import KEYS
 from .hand import hand_switch, switch_width
+from .icons import icon
 from .keys import keys_offer, offer_width, offers_keys
+from .widgets import button
 
-BETWEEN = 24.0  # points from the choice of keys to the switch
-FIRST, LAST = "File", "Help"  # the others are between them, in the table's order
+BETWEEN = 16.0  # points between two groups at the right
+SEARCH_WIDTH = 150.0
+LINE = "-"  # before a title, under which a line is drawn
 
 
 def menu_tree(inputs) -> dict:
     """Menus as nested dictionaries: title -> items; an item's title -> its Input.
 
+    A line between items is an item LINE with a number, whose Input is None.
+
     >>> menu_tree(INPUTS)["Edit"]["Undo"].key
     'CTRL+Z'
     """
-    tree = {FIRST: {}}
+    tree = {}
     for entry in inputs:
-        *menus, title = entry.menu.split("/")
-        if title:
+        *menus, last = entry.menu.split("/")
+        if last:
             menu = tree
             for name in menus:
-                menu = menu.setdefault(name, {})
-            menu[title] = entry
-    return tree | {LAST: tree.pop(LAST, {})}
+                menu = _after_line(menu, name).setdefault(name.removeprefix(LINE), {})
+            _after_line(menu, last)[last.removeprefix(LINE)] = entry
+    return tree
+
+
+def _after_line(menu, title):
+    """The menu, with a line before a title that asks for one and isn't there yet."""
+    if title.startswith(LINE) and title.removeprefix(LINE) not in menu:
+        menu[f"{LINE}{len(menu)}"] = None
+    return menu
 
 
 TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 
 
-def menu_bar(app) -> float:
-    """Draw it along the window's upper edge; returns its height [points]."""
-    if not imgui.begin_main_menu_bar():
-        return 0.0
-    app.gui.guarded(_items, app, TREES[app.scene.settings.keys])
-    app.gui.guarded(_switch, app)
-    app.gui.claim()
-    height = imgui.get_window_height()
-    imgui.end_main_menu_bar()
-    return height
+def menu_bar(settings, handles, actions, preferences, opening) -> None:
+    """Draw it along the window's upper edge.
 
-
-def _switch(app):
-    """Physics | Pose at the bar's right end, if there is space beside the menus.
-
-    Left of it the choice of keys, as long as it is offered.
+    At its right end Physics | Pose; left of it, where there is space beside the menus, the search
+    and the choice of keys, as long as it is offered.
     """
-    right = imgui.get_window_width() - switch_width() - imgui.get_style().window_padding.x
-    left = right - offer_width() - BETWEEN
-    if offers_keys(app) and left > imgui.get_cursor_pos_x():
-        imgui.set_cursor_pos_x(left)
-        keys_offer(app)
-        imgui.same_line()
+    _items(TREES[settings.keys], actions, preferences, opening)
+    style = imgui.get_style()
+    right = imgui.get_window_width() - switch_width() - style.window_padding.x
+    left = imgui.get_cursor_pos_x()
+    place = right - SEARCH_WIDTH - BETWEEN
+    if place > left:
+        keys_place = place - offer_width() - BETWEEN
+        if offers_keys(preferences, settings) and keys_place > left:
+            imgui.set_cursor_pos_x(keys_place)
+            keys_offer(settings, actions)
+            imgui.same_line()
+        imgui.set_cursor_pos_x(place)
+        label = f"{icon('magnifying_glass')}  Search   {actions.label('search')}"
+        button(label, actions, "search", "all actions, by their names", SEARCH_WIDTH)
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
-    hand_switch(app)
+    hand_switch(settings, handles, actions)
 
 
-def _items(app, menu):
+def _items(menu, actions, preferences, opening):
     for title, item in menu.items():
-        if not isinstance(item, dict):
-            _item(app, title, item)
+        if item is None:
+            imgui.separator()
+        elif not isinstance(item, dict):
+            _item(title, item, actions)
             if item.action == "open":
-                recent_items(app)
+                recent_items(preferences, opening)
         elif item and imgui.begin_menu(title):
-            _items(app, item)
+            _items(item, actions, preferences, opening)
             imgui.end_menu()
 
 
-def recent_items(app):
+def recent_items(preferences, opening):
     """The files that were opened before."""
-    if imgui.begin_menu("Open recent", bool(app.preferences.recent)):
-        for number, path in enumerate(map(Path, app.preferences.recent)):
+    if imgui.begin_menu("Open recent", bool(preferences.recent)):
+        for number, path in enumerate(map(Path, preferences.recent)):
             if imgui.menu_item_simple(f"{readable(path.name)}##{number}"):
-                app.asked = path
+                opening.asked = path
             imgui.set_item_tooltip(readable(path))
         imgui.end_menu()
 
 
-def _item(app, title, entry):
-    action = ACTIONS[entry.action]
-    is_on = hasattr(action, "is_on") and bool(action.is_on(app))
-    if imgui.menu_item_simple(title, entry.label, is_on):
-        app.log("menu", action=entry.action)
-        action(app)
+def _item(title, entry, actions):
+    if imgui.menu_item_simple(title, entry.label, actions.is_on(entry.action)):
+        actions.call(entry.action)
     imgui.set_item_tooltip(entry.help)

@@ -4,29 +4,26 @@ import time
 
 from imgui_bundle import imgui
 
-from ..training import begin_job
-
 WIDTH = 300.0
 
 
-def offer_panel(app, width) -> bool:
+def offer_panel(offer, begin, width) -> bool:
     """Ask whether photographs shall be trained; whether the user has answered."""
-    offer = app.dialog
     imgui.text(offer.title)
     imgui.push_text_wrap_pos(width)
     for line in offer.lines():
         imgui.text_wrapped(line)
     imgui.pop_text_wrap_pos()
     if imgui.button("Train"):
-        begin_job(app)
+        begin()
         return True
     imgui.same_line()
     return imgui.button("Not now")
 
 
-def job_window(app) -> None:
+def job_window(train_job) -> None:
     """How far training is, with a button that ends it and keeps the work."""
-    job = app.train_job
+    job = train_job
     minutes, seconds = divmod(int(time.monotonic() - job.began), 60)
     imgui.text(f"training {job.offer.output.stem}: {minutes}:{seconds:02}")
     told = job.progress

@@ -17,9 +17,8 @@ TEXT, SHADE = (0.1, 0.1, 0.12, 1.0), (1.0, 1.0, 1.0, 0.9)
 BESIDE = np.array([16.0, 14.0])  # points from the mouse to the text
 
 
-def gesture_overlay(app) -> None:
+def gesture_overlay(controls, gui, grab_radius, size) -> None:
     """Draw what the gesture in progress needs, beneath the panels."""
-    controls = app.controls
     lines = imgui.get_background_draw_list()
     if controls.mode == "box":
         (x0, y0), (x1, y1) = (pixel / controls.ratio for pixel in controls.region)
@@ -30,15 +29,15 @@ def gesture_overlay(app) -> None:
         for start, end in zip(points, [*points[1:], points[0]], strict=True):
             lines.add_line(start, end, LINE(OUTLINE), 1.5)
     elif controls.held_drag is not None:
-        _drag(app, lines)
-    elif not controls.mode and controls.spot is not None and not app.gui.mouse_on_panel:
-        _reach(app, lines)
+        _drag(controls, size, lines)
+    elif not controls.mode and controls.spot is not None and not gui.mouse_on_panel:
+        _reach(controls, grab_radius, lines)
 
 
-def _reach(app, lines):
+def _reach(controls, grab_radius, lines):
     """What a drag from under the mouse would take along, faintly."""
-    controls, camera, place = app.controls, app.controls.camera, app.controls.spot
-    beside = place + app.scene.grab_radius * camera.camera_to_world[:3, 0]
+    camera, place = controls.camera, controls.spot
+    beside = place + grab_radius * camera.camera_to_world[:3, 0]
     pixels, _ = project(camera, np.array([place, beside]))
     if np.isfinite(pixels).all():
         center, edge = pixels / controls.ratio
@@ -47,21 +46,20 @@ def _reach(app, lines):
         lines.add_circle(tuple(center), radius, LINE(REACH_EDGE), 0, 1.5)
 
 
-def _drag(app, lines):
+def _drag(controls, size, lines):
     """The axes that a drag is held to, and beside the mouse how far it has come."""
-    controls, drag = app.controls, app.controls.held_drag
+    drag = controls.held_drag
     for axis in range(3) if drag.held.axis is not None else ():
         if drag.held.across != (axis == drag.held.axis):
-            _axis_line(app, lines, axis)
+            _axis_line(controls, size, lines, axis)
     if controls.free or drag.kind != "move" or drag.held.axis is not None or drag.held.text:
         x, y = controls.pointer / controls.ratio + BESIDE
         for shift, color in ((1.0, SHADE), (0.0, TEXT)):
             lines.add_text((x + shift, y + shift), LINE(color), drag.line)
 
 
-def _axis_line(app, lines, axis):
-    controls = app.controls
-    along = AXIS_LENGTH * app.scene.size * controls.held_drag.held.axes[:, axis]
+def _axis_line(controls, size, lines, axis):
+    along = AXIS_LENGTH * size * controls.held_drag.held.axes[:, axis]
     places = controls.drag_place + np.linspace(-1.0, 1.0, 33)[:, None] * along
     pixels, _ = project(controls.camera, places)
     points = pixels[np.isfinite(pixels).all(axis=1)] / controls.ratio

@@ -1,4 +1,4 @@
-"""The timeline's strip along the window's lower edge, and the section on saved poses."""
+"""The task *Animate*: the timeline's strip along the lower edge, and saved poses."""
 
 from functools import partial
 
@@ -15,8 +15,8 @@ from ..document import (
     as_time,
     shown_ticks,
 )
-from ..input import delete_key
-from .widgets import button, checkbox, combo, slider, with_key
+from .rig import clips_panel
+from .widgets import button, checkbox, combo, section, slider, text_field
 
 STRIP_HEIGHT = 144.0
 RULER, LANE = 20.0, 22.0  # heights
@@ -24,56 +24,50 @@ NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
 TURNS = 1.0, 60.0  # s
+STEPS = """1  Pose the object, turn the view: {key} keys both.
+2  Move the playhead, and key the next pose.
+3  {play} plays. {turn} turns the camera around."""
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
 physics moves what the keys hold, pinned or by the mouse, and the rest follows;
 between poses of bones, bones turn, and softness says what follows them"""
 EASING = "on the way from this key to the next one"
 HINT = "{} sets a key at the playhead. Drag keys to move them, with Ctrl to copy them."
 STANDS = "Time stands still at this pose. A drag or {} lets it go on; {} keys what you make of it."
+GRAYS = {  # of the themes: ruler, lanes, lines, text, a key's edge, a chosen key's
+    "dark": (0.21, 0.17, 0.35, 0.65, 0.12, 1.0),
+    "light": (0.89, 0.94, 0.85, 0.38, 1.0, 0.0),
+}
 COLORS = {
-    "ruler": (0.88, 0.89, 0.91, 1.0),
-    "lane": (0.93, 0.93, 0.95, 1.0),
-    "line": (0.0, 0.0, 0.0, 0.10),
-    "text": (0.38, 0.39, 0.42, 1.0),
-    "head": (0.80, 0.16, 0.13, 1.0),
-    "camera": (0.20, 0.42, 0.70, 1.0),
-    "pose": (0.86, 0.50, 0.10, 1.0),
-    "edge": (1.0, 1.0, 1.0, 1.0),
-    "chosen": (0.0, 0.0, 0.0, 0.9),
+    "head": (0.95, 0.35, 0.25, 1.0),
+    "camera": (0.33, 0.57, 0.90, 1.0),
+    "pose": (0.95, 0.62, 0.18, 1.0),
 }
 
 
-def timeline_strip(app):
-    _buttons(app)
-    _tracks(app)
-    _chosen_key(app)
+def timeline_strip(timeline, strip, settings, actions, say):
+    _buttons(timeline, strip, actions)
+    _tracks(timeline, strip, settings.theme, say)
+    _chosen_key(timeline, strip, actions)
 
 
-def _buttons(app):
-    timeline = app.scene.timeline
-    button("Stop" if timeline.playing else "Play", app, "play")
+def _buttons(timeline, strip, actions):
+    button("Stop" if timeline.playing else "Play", actions, "play")
     imgui.same_line()
     checkbox("loop", timeline.loop, timeline.set_loop, "play again and again")
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
     imgui.same_line(0.0, GAP)
-    button("Key", app, "key", "camera and pose at the playhead")
+    button("Key", actions, "key", "camera and pose at the playhead")
     imgui.same_line()
-    button("Camera", app, "key_camera", "key the camera alone")
+    button("Camera", actions, "key_camera", "key the camera alone")
     imgui.same_line()
-    button("Pose", app, "key_pose", "key the pose alone")
+    button("Pose", actions, "key_pose", "key the pose alone")
     imgui.same_line(0.0, GAP)
-    button("Turntable", app, "turntable", "camera keys around what it looks at, in a loop")
+    button("Turntable", actions, "turntable", "camera keys around what it looks at, in a loop")
     imgui.same_line()
     imgui.set_next_item_width(58.0)
-    slider(
-        "##turn",
-        app.strip.turn_seconds,
-        TURNS,
-        "%.0f s",
-        partial(setattr, app.strip, "turn_seconds"),
-        tooltip="of a turn",
-    )
+    change = partial(setattr, strip, "turn_seconds")
+    slider("##turn", strip.turn_seconds, TURNS, "%.0f s", change, tooltip="of a turn")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
     combo("##motion", timeline.motion, MOTIONS, timeline.set_motion, MOTION)
@@ -82,8 +76,7 @@ def _buttons(app):
 # -- the tracks --------------------------------------------------------------------------------
 
 
-def _tracks(app):
-    timeline, strip = app.scene.timeline, app.strip
+def _tracks(timeline, strip, theme, say):
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     imgui.invisible_button("tracks", (max(width, 1.0), RULER + LANE * len(TRACKS)))
     if not strip.holds:  # while something is dragged, its ground stays
@@ -99,13 +92,18 @@ def _tracks(app):
     if imgui.is_item_deactivated():
         problem = strip.drop(timeline, imgui.get_io().key_ctrl)
         if problem:
-            app.recorder.say(problem)
-    _draw_tracks(app, at, width)
+            say(problem)
+    _draw_tracks(timeline, strip, theme, at, width)
 
 
-def _draw_tracks(app, at, width):
-    timeline, strip, draw = app.scene.timeline, app.strip, imgui.get_window_draw_list()
-    scale, color = strip.scale, {name: imgui.get_color_u32(c) for name, c in COLORS.items()}
+def _colors(theme):
+    names = "ruler", "lane", "line", "text", "edge", "chosen"
+    grays = {n: (g, g, g, 1.0) for n, g in zip(names, GRAYS[theme], strict=True)}
+    return {name: imgui.get_color_u32(c) for name, c in (grays | COLORS).items()}
+
+
+def _draw_tracks(timeline, strip, theme, at, width):
+    draw, scale, color = imgui.get_window_draw_list(), strip.scale, _colors(theme)
     right, bottom = at.x + width, at.y + RULER + LANE * len(TRACKS)
     draw.add_rect_filled((at.x, at.y), (right, at.y + RULER), color["ruler"], 4.0)
     draw.add_rect_filled((at.x, at.y + RULER), (right, bottom), color["lane"], 4.0)
@@ -142,12 +140,11 @@ def _diamond(draw, x, y, fill, edge):
     draw.add_quad(*corners, edge, 1.5)
 
 
-def _chosen_key(app):
-    timeline, strip = app.scene.timeline, app.strip
+def _chosen_key(timeline, strip, actions):
     chosen = strip.chosen(timeline)
     if chosen is None:
         stands = timeline.stands and not timeline.playing
-        labels = [with_key(app, action) for action in ("pause", "key")[not stands :]]
+        labels = [actions.with_key(action) for action in ("pause", "key")[not stands :]]
         imgui.align_text_to_frame_padding()
         imgui.text_disabled((STANDS if stands else HINT).format(*labels))
         return
@@ -157,31 +154,39 @@ def _chosen_key(app):
     imgui.text_disabled(f"{track} at {as_time(tick)}")
     imgui.same_line()
     imgui.set_next_item_width(88.0)
-    combo("easing", key.easing, EASINGS, partial(timeline.ease_key, track, tick), EASING)
+    combo("##easing", key.easing, EASINGS, partial(timeline.ease_key, track, tick), EASING)
     imgui.same_line()
-    button("Copy", app, "copy_key", "to the playhead")
+    button("Copy", actions, "copy_key", "to the playhead")
     imgui.same_line()
-    if imgui.button("Delete"):
-        delete_key(app)
-    imgui.set_item_tooltip(with_key(app, "delete_key"))
+    button("Delete##key", actions, "delete_key")
 
 
 # -- saved poses -------------------------------------------------------------------------------
 
 
-def poses_panel(app):
-    timeline, strip = app.scene.timeline, app.strip
-    _, strip.pose_name = imgui.input_text_with_hint("##pose", "a name", strip.pose_name)
+def animate_panel(timeline, strip, settings, rigging, posing, actions):
+    """Keys in a few words, clips, and saved poses."""
+    key, play, turn = (actions.label(name) for name in ("key", "play", "turntable"))
+    imgui.text_wrapped(STEPS.format(key=key, play=play, turn=turn))
+    checkbox("timeline", settings.show_timeline, partial(setattr, settings, "show_timeline"))
+    if section("Clips of bones", bool(rigging.clips)):
+        clips_panel(rigging, posing, strip, actions)
+    if section("Saved poses", bool(timeline.poses)):
+        _poses(timeline, strip, actions)
+
+
+def _poses(timeline, strip, actions):
+    strip.pose_name = text_field("##pose", strip.pose_name, "a name", width=150.0)
     imgui.same_line()
-    button("Save pose", app, "save_pose", "to blend it with others")
+    button("Save pose", actions, "save_pose", "to blend it with others")
     for pose in timeline.poses:
         imgui.push_id(pose.name)
-        change = partial(timeline.blend_pose, pose.name)
-        slider(pose.name, pose.weight, WEIGHTS, "%.2f", change, tooltip="how much of it")
-        imgui.same_line()
         if imgui.small_button("x"):
             timeline.delete_pose(pose.name)
         imgui.set_item_tooltip("delete it")
+        imgui.same_line()
+        change = partial(timeline.blend_pose, pose.name)
+        slider(pose.name, pose.weight, WEIGHTS, "%.2f", change, tooltip="how much of it")
         imgui.pop_id()
     if timeline.poses:
         imgui.text_disabled("what they differ by from the rest shape")

@@ -13,12 +13,12 @@ PLAIN = (
 FITTED = implot.AxisFlags_.auto_fit.value
 
 
-def training_panel(app):
-    live, last = app.live, app.live.last
+def training_panel(live, scene):
+    last = live.last
     if last is None:
         imgui.text(*training_lines(live))
         return
-    if app.scene is None and not live.ended:
+    if scene is None and not live.ended:
         imgui.text(f"the first picture: {live.preparing.stage}")
     for line in training_lines(live):
         imgui.text(line)

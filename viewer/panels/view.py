@@ -1,4 +1,4 @@
-"""The sections on model, view, recording and time."""
+"""The task *View*: the model, what the picture shows, the panels' looks, speed."""
 
 from functools import partial
 
@@ -9,15 +9,12 @@ from ...core.render import MODES, caption
 from ..files import readable
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
-from ..settings import MESH_RANGES, SURFACES
-from .widgets import LOGARITHMIC, button, color, combo, number_setting, setting, with_key
+from ..settings import MESH_RANGES, SIDES, SURFACES, THEMES
+from .widgets import LOGARITHMIC, color, combo, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
-RECORDING_RED = (0.80, 0.10, 0.10, 1.0)
-RECORD_TOOLTIP = """marks a part of the session,
-of which a film is rendered afterwards, in full quality"""
-CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
+PANEL_SCALES = {"80 %": 0.8, "100 %": 1.0, "125 %": 1.25, "150 %": 1.5, "200 %": 2.0}
 SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
 SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
 another part of a pixel, and their mean is shown: edges get smooth"""
@@ -35,10 +32,9 @@ STAGES_TOOLTIP = """of the last image or strip; measuring waits after each stage
 and on the CPU the times of all threads are added up"""
 
 
-def model_panel(app):
-    scene, field = app.scene, app.scene.field
+def model_panel(field, name):
     counts = f"{field.mesh.tet_count:,} tets, {field.mesh.vertex_count:,} vertices"
-    imgui.text(readable(scene.name))
+    imgui.text(readable(name))
     imgui.text_disabled(f"{counts}, {field.options.level_count} levels")
     psnr = (field.meta.get("test_mean") or {}).get("psnr")
     if psnr is not None:
@@ -47,42 +43,28 @@ def model_panel(app):
         imgui.text_wrapped(readable(field.attribution))
 
 
-def view_panel(app):
-    _mode(app)
-    _background(app.scene.settings)
-    _mesh(app)
-    _resolution(app)
-    button("Reset camera", app, "home")
-    imgui.same_line()
-    button("Focus", app, "focus")
-    imgui.same_line()
-    button("Help", app, "toggle_help")
-
-
-def _mode(app):
-    scene = app.scene
-    change = partial(setattr, scene.settings, "mode")
-    combo("show", scene.settings.mode, MODES, change, with_key(app, "next_mode", "next one"))
-    line = caption(scene.settings.mode, scene.viewpoint.depth_range)
+def picture_panel(settings, viewpoint, actions):
+    """What the picture shows."""
+    change = partial(setattr, settings, "mode")
+    combo("show", settings.mode, MODES, change, actions.with_key("next_mode", "next one"))
+    line = caption(settings.mode, viewpoint.depth_range)
     if line:
         imgui.text_disabled(line)
-
-
-def _background(settings):
     color("background", settings.background, partial(setattr, settings, "background"))
-    imgui.same_line()
     setting("checkerboard", settings, "checkerboard")
+    imgui.same_line()
+    setting("ground", settings, "show_ground", "with the object's shadow, where there is a ground")
     setting("vertices", settings, "show_handles")
     imgui.same_line()
     setting("wireframe", settings, "show_wireframe")
     imgui.same_line()
-    setting("ground", settings, "show_ground", "with the object's shadow, where there is a ground")
+    setting("bones", settings, "show_bones")
+    _mesh(settings, actions)
 
 
-def _mesh(app):
-    settings = app.scene.settings
+def _mesh(settings, actions):
     change = partial(setattr, settings, "mesh_surface")
-    lines = (with_key(app, action, text) for action, text in SHOWN_ON_MESH.items())
+    lines = (actions.with_key(action, text) for action, text in SHOWN_ON_MESH.items())
     tooltip = ",\n".join(lines) + ", as means about vertices"
     combo("mesh", settings.mesh_surface, SURFACES, change, tooltip)
     if settings.mesh_surface == "hidden":
@@ -96,11 +78,25 @@ def _mesh(app):
         number_setting("colors to", settings, "mesh_range", bounds, text, LOGARITHMIC, tooltip)
 
 
-def _resolution(app):
+def window_panel(settings):
+    """The looks of the panels."""
+    combo("colors", settings.theme, THEMES, partial(setattr, settings, "theme"))
+    scale = next((name for name, one in PANEL_SCALES.items() if one == settings.panel_scale), "")
+    names = [*PANEL_SCALES, *([] if scale else ["other"])]
+
+    def choose(name):
+        settings.panel_scale = PANEL_SCALES.get(name, settings.panel_scale)
+
+    combo("letters", scale or "other", names, choose, "over what the system says")
+    combo("panel at", settings.panel_side, SIDES, partial(setattr, settings, "panel_side"))
+
+
+def speed_panel(settings, radiance, times, ctx):
+    """How finely things are rendered while they move, and how long frames take."""
+
     def choose(name):
         settings.fixed_resolution = RESOLUTIONS[name]
 
-    settings = app.scene.settings
     names = {factor: name for name, factor in RESOLUTIONS.items()}
     tooltip = "while things move; at rest the image is refined to full resolution"
     combo("resolution", names[settings.fixed_resolution], RESOLUTIONS, choose, tooltip)
@@ -108,9 +104,10 @@ def _resolution(app):
         tooltip, text = "the resolution while things move follows it", "%.0f frames/s"
         number_setting("target", settings, "target_fps", TARGETS, text, LOGARITHMIC, tooltip)
     setting("average shifted images at rest", settings, "accumulate", SHIFTED_TOOLTIP)
-    for line in shown_lines(app.radiance, app.times):
+    for line in shown_lines(radiance, times):
         imgui.text_disabled(line)
         imgui.set_item_tooltip(SHOWN_TOOLTIP)
+    _times(settings, radiance, times, ctx)
 
 
 def shown_lines(image, times) -> tuple[str, str]:
@@ -127,38 +124,7 @@ def shown_lines(image, times) -> tuple[str, str]:
     return pixels, f"full + {image.sample_count}/{image.most_samples} samples"
 
 
-def recording_line(app) -> str:
-    """What is being recorded, and how long; empty if nothing."""
-    lines = [f"recording, {app.takes.seconds:.1f} s"] if app.takes.recording else []
-    if app.recorder.video:
-        lines.append(f"clip of the screen, {app.recorder.video.seconds:.1f} s")
-    return "; ".join(lines)
-
-
-def record_panel(app):
-    settings, video = app.scene.settings, app.recorder.video
-    button("Screenshot", app, "screenshot")
-    imgui.same_line()
-    label = "Stop recording" if app.takes.recording else "Record"
-    button(label, app, "record", RECORD_TOOLTIP)
-    imgui.same_line()
-    button("Save film...", app, "save_film", "of the last take, or all")
-    label = "Stop the clip" if video else "Clip of the screen"
-    button(label, app, "record_screen", CLIP_TOOLTIP)
-    if recording_line(app):
-        imgui.text_colored(RECORDING_RED, recording_line(app))
-    if video:
-        imgui.text(
-            f"{video.frame_count} frames, {video.repeated_count} repeated, "
-            f"{video.dropped_count} left out"
-        )
-    setting("transparent screenshots of the field alone", settings, "transparent_screenshots")
-    setting("vertices in clips and screenshots", settings, "handles_in_clips")
-    setting("panel in screenshots", settings, "panel_in_screenshots")
-
-
-def time_panel(app):
-    times, settings = app.times, app.scene.settings
+def _times(settings, radiance, times, ctx):
     mean = times.frame_seconds()
     imgui.text(f"{1e3 * mean:.1f} ms a frame, {1.0 / max(mean, 1e-6):.0f} frames a second")
     frames = 1e3 * np.array(times.frames, np.float32)
@@ -171,10 +137,10 @@ def time_panel(app):
     pace = times.pace()
     imgui.text(f"object time × {pace:.2g}" + " of the clock" * (pace < SLOW))
     imgui.set_item_tooltip("below 1, the object moves slower than it would: frames take too long")
-    imgui.text(memory_line(app.radiance.device))
-    imgui.text_disabled(f"renders on {app.radiance.device.name}")
-    imgui.text_disabled(f"draws on {app.ctx.info['GL_RENDERER']}")
-    imgui.text_disabled(f"frames go by {app.radiance.path}")
+    imgui.text(memory_line(radiance.device))
+    imgui.text_disabled(f"renders on {radiance.device.name}")
+    imgui.text_disabled(f"draws on {ctx.info['GL_RENDERER']}")
+    imgui.text_disabled(f"frames go by {radiance.path}")
 
 
 def _rows(seconds_of):

@@ -1,29 +1,44 @@
 """Buttons, sliders and boxes that change something when the user does.
 
-All numbers that a user can type come through here.
+All numbers that a user can type come through here.  A slider's number stands on its bar and its
+name before it, so that both can be read.
 """
 
 import math
+from contextlib import contextmanager
 from functools import partial
 
 from imgui_bundle import imgui
 
-from ..input import ACTIONS, label_of
+from .icons import icon
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
+LABEL_SHARE = 0.38  # of the width, for the name before a slider or a list
 
 
-def button(label, app, action, tooltip="") -> None:
-    """A button that calls one of ACTIONS; its tooltip names the key."""
-    if imgui.button(label):
-        ACTIONS[action](app)
-    _tooltip(with_key(app, action, tooltip))
+def button(label, actions, action, tooltip="", width=0.0) -> None:
+    """A button that calls an action; its tooltip names the key."""
+    if imgui.button(label, (width, 0.0)):
+        actions.call(action)
+    _tooltip(actions.with_key(action, tooltip))
 
 
-def with_key(app, action, text="") -> str:
-    """A text, and the key that calls an action, if one does."""
-    label = label_of(action, app.scene.settings.keys)
-    return f"{text} ({label})" if text and label else text or label
+def icon_button(glyph, actions, action, tooltip="") -> None:
+    """The same, with an icon."""
+    button(f"{icon(glyph)}##{action}", actions, action, tooltip)
+
+
+def named(label):
+    """Write the name before a field, which takes the rest of the line; returns its id."""
+    shown, _, _ = label.partition("##")
+    if not shown:
+        return label
+    imgui.align_text_to_frame_padding()
+    imgui.text_disabled(shown)
+    full = imgui.get_content_region_avail().x
+    imgui.same_line(LABEL_SHARE * (full + imgui.get_cursor_pos_x()))
+    imgui.set_next_item_width(-1.0)
+    return f"##{label}"
 
 
 def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
@@ -37,7 +52,7 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
         text: ImGui's format of the value, one of floats.
     """
     whole = isinstance(value, int)  # ImGui's slider of integers takes 1e999 for 1
-    changed, value = imgui.slider_float(label, float(value), *bounds, text, flags)
+    changed, value = imgui.slider_float(named(label), float(value), *bounds, text, flags)
     _tooltip(tooltip)
     if changed and math.isfinite(value):
         low, high = bounds
@@ -48,7 +63,7 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
 def color(label, value, change) -> None:
     """A box to choose a color in; calls `change` with a new one, three numbers of 0 to 1."""
     changed, (red, green, blue, *_) = imgui.color_edit3(
-        label, list(value), imgui.ColorEditFlags_.no_inputs.value
+        named(label), list(value), imgui.ColorEditFlags_.no_inputs.value
     )
     chosen = red, green, blue
     if changed and all(map(math.isfinite, chosen)):
@@ -58,15 +73,23 @@ def color(label, value, change) -> None:
 def combo(label, value, values, change, tooltip="") -> None:
     """A box to choose one of several strings in; calls `change` with a new one."""
     values = list(values)
-    changed, chosen = imgui.combo(label, values.index(value), values)
+    changed, chosen = imgui.combo(named(label), values.index(value), values)
     _tooltip(tooltip)
     if changed:
         change(values[chosen])
 
 
+def text_field(label, value, hint="", width=-1.0) -> str:
+    """A field to type in; returns what stands in it."""
+    imgui.set_next_item_width(width)
+    return imgui.input_text_with_hint(label, hint, value)[1]
+
+
 def checkbox(label, value, change, tooltip="") -> None:
     """A box; calls `change` with True or False when it is clicked."""
+    imgui.push_style_var(imgui.StyleVar_.frame_border_size.value, 1.0)
     changed, value = imgui.checkbox(label, value)
+    imgui.pop_style_var()
     _tooltip(tooltip)
     if changed:
         change(value)
@@ -81,6 +104,40 @@ def number_setting(label, settings, name, bounds, text, flags=0, tooltip="") -> 
     """A slider for one of the Settings."""
     change = partial(setattr, settings, name)
     slider(label, getattr(settings, name), bounds, text, change, flags, tooltip)
+
+
+def segments(values, chosen, choose, tooltip=lambda value: "") -> None:
+    """Buttons side by side, one of which is chosen; `values` are words by value."""
+    for number, (value, word) in enumerate(values.items()):
+        if number:
+            imgui.same_line(0.0, 1.0)
+        with highlighted(value == chosen):
+            if imgui.button(word):
+                choose(value)
+        _tooltip(tooltip(value))
+
+
+@contextmanager
+def highlighted(on: bool):
+    """In the block, buttons have the color of what is chosen."""
+    if on:
+        color = imgui.get_style_color_vec4(imgui.Col_.button_active.value)
+        imgui.push_style_color(imgui.Col_.button.value, color)
+    yield
+    if on:
+        imgui.pop_style_color()
+
+
+def section(title: str, is_open: bool = True) -> bool:
+    """The head of a part of a panel; whether it is open."""
+    return imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open.value * is_open)
+
+
+def beside() -> None:
+    """Go on in the same line if another button fits there, else in the next one."""
+    right = imgui.get_item_rect_max().x + 60.0
+    if right < imgui.get_window_pos().x + imgui.get_window_width():
+        imgui.same_line()
 
 
 def was_entered() -> bool:

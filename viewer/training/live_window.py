@@ -9,7 +9,6 @@ import time
 
 import pyglet
 
-from .. import panels
 from ..app import AWAKE_SECONDS, FRAME_SECONDS, App
 from ..layers import choose_path
 from .live import POLL_SECONDS, LiveRun, Snapshot
@@ -52,8 +51,8 @@ class LiveWindow:
         app.window.dispatch_events()
         if app.window.has_exit:
             return False
-        if app.asked is not None:
-            app.asked = None
+        if app.opening.asked is not None:
+            app.opening.asked = None
             app.recorder.say("while this model is trained, its window opens no other file")
         now = time.perf_counter()
         self.live.touched = app.scene is not None and touched(app.scene)
@@ -115,7 +114,7 @@ class LiveWindow:
 
     def _draw_curve(self):
         """A frame before there is anything to show but the curve."""
-        self.app.show_alone(panels.training_window, self.app)
+        self.app.show_alone(self.app.panels.training_window)
 
     def _show_model(self):
         """Go on as the viewer does."""

@@ -159,7 +159,7 @@ class TrainJob:
 
 def begin_job(app) -> None:
     """Do what the App's dialog offers."""
-    offer, app.dialog = app.dialog, None
+    offer, app.questions.dialog = app.questions.dialog, None
     if app.train_job is None:
         app.train_job = TrainJob(offer)
         app.log("training", path=offer.data)
@@ -174,5 +174,5 @@ def follow_job(app) -> None:
         return
     app.train_job = None
     if job.code == 0:
-        app.asked = job.offer.output
+        app.opening.asked = job.offer.output
     app.recorder.say(readable(job.line))

@@ -7,7 +7,7 @@ from fuzzing.models import small_models
 
 from deformrf.core.field import load
 from deformrf.viewer.document import left_behind, load_session
-from deformrf.viewer.input.constraints import MOVE, SCALE, TURN
+from deformrf.viewer.tools import MOVE, SCALE, TURN
 
 from .kinds import Fault, Kind, Signals
 from .process import Job, command

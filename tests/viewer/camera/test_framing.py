@@ -88,15 +88,16 @@ def middle_of_object(app):
 
 @pytest.mark.gl
 def test_the_picture_follows_the_panel(app):
-    from deformrf.viewer.input import ACTIONS
+    from deformrf.viewer.actions import ACTIONS
 
-    assert middle_of_object(app) == pytest.approx([342 + 458 / 2, 24 + 476 / 2], abs=20)
+    tools, panel, height = 46.0, app.scene.settings.panel_width, 23 + 0.5 * (500 - 2 * 23)
+    assert middle_of_object(app) == pytest.approx([tools + (754 - panel) / 2, height], abs=20)
     ACTIONS["panel_side"](app)
-    assert middle_of_object(app) == pytest.approx([458 / 2, 24 + 476 / 2], abs=20)
+    assert middle_of_object(app) == pytest.approx([400 + (tools + panel) / 2, height], abs=20)
     ACTIONS["panel_narrower"](app)
-    assert middle_of_object(app) == pytest.approx([498 / 2, 24 + 476 / 2], abs=20)
+    assert middle_of_object(app) == pytest.approx([380 + (tools + panel) / 2, height], abs=20)
     ACTIONS["toggle_panel"](app)
-    assert middle_of_object(app) == pytest.approx([400, 250], abs=20)
+    assert middle_of_object(app) == pytest.approx([400, 260], abs=20)
 
 
 @pytest.mark.gl
@@ -107,9 +108,9 @@ def test_a_pan_moves_the_object_with_the_mouse(app):
     center = app.scene.center
     (before,), _ = picking.project(app.controls.camera, center[None])
     for name, *arguments in (
-        ("on_mouse_press", 600, 200, mouse.MIDDLE, 0),
-        ("on_mouse_drag", 640, 230, 40, 30, mouse.MIDDLE, 0),
-        ("on_mouse_release", 640, 230, mouse.MIDDLE, 0),
+        ("on_mouse_press", 300, 200, mouse.MIDDLE, 0),
+        ("on_mouse_drag", 340, 230, 40, 30, mouse.MIDDLE, 0),
+        ("on_mouse_release", 340, 230, mouse.MIDDLE, 0),
     ):
         app.window.dispatch_event(name, *arguments)
         app.window.dispatch_events()

@@ -12,10 +12,10 @@ from PIL import Image
 from deformrf.core.base import images
 from deformrf.core.render import Camera, Lens, Renderer, look_at, pinhole
 from deformrf.core.training import DatasetError
+from deformrf.viewer.actions import ACTIONS, show_photograph
 from deformrf.viewer.camera import Covered, in_free_part
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import photographs as p
-from deformrf.viewer.input import ACTIONS, show_photograph
 
 LENSES = (
     pinhole(150.0, 120, 120),
@@ -81,7 +81,7 @@ def shown(app, opacity):
 @pytest.mark.gl
 def test_a_photograph_lies_on_what_the_model_shows(app, folder):
     """Whatever its lens, and however the camera was rolled; a pixel's shift would be visible."""
-    app.asked = folder
+    app.opening.asked = folder
     app.frame(0.0)
     for number, lens in enumerate(LENSES):
         ACTIONS["next_photograph"](app)
@@ -103,13 +103,13 @@ def test_a_photograph_lies_on_what_the_model_shows(app, folder):
 
 @pytest.mark.gl
 def test_beside_the_render_it_is_as_large(app, folder):
-    app.asked = folder
+    app.opening.asked = folder
     app.frame(0.0)
     ACTIONS["previous_photograph"](app)
     ACTIONS["previous_photograph"](app)  # the one without distortion
     ACTIONS["place_photograph"](app)
     assert app.scene.settings.photograph == "beside"
-    image = shown(app, 0.0)
+    image = shown(app, 0.0)[24:]  # below the menus
     half = image.shape[1] // 2
     left, right = image[:, :half], image[:, half : 2 * half]
     assert left.std() > 20

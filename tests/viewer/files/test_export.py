@@ -141,9 +141,9 @@ def test_another_ending_is_refused_and_a_full_disk_leaves_the_older_file(
 
 @pytest.mark.gl
 def test_the_menu_writes_the_mesh_as_it_is_bent(window, ball, monkeypatch, tmp_path):
+    from deformrf.viewer.actions import ACTIONS
     from deformrf.viewer.app import App
     from deformrf.viewer.events import EventLog
-    from deformrf.viewer.input import ACTIONS
 
     monkeypatch.chdir(tmp_path)
     app = App(*window, EventLog(False), gui=False)

@@ -64,7 +64,7 @@ def test_a_model_that_is_dropped_takes_the_place_of_the_one_that_is_shown(app, b
     drop(app, other)
     assert "is kept" in app.recorder.message
     assert len(load_session(kept, ball).events) == 3  # and the view
-    assert app.scene.name == "other" and app.dialog is None
+    assert app.scene.name == "other" and app.questions.dialog is None
     assert app.scene.settings is settings and not app.scene.on_ground
     assert app.autosave.path != kept
     assert app.preferences.recent == [str(other)]
@@ -103,13 +103,13 @@ def test_a_bad_file_shows_a_dialog_and_keeps_the_scene(app, other, tmp_path, dam
     scene = app.scene
     drop(app, path)
     assert app.scene is scene and scene.on_ground
-    assert isinstance(app.dialog, Problem) and damage in app.dialog.title
+    assert isinstance(app.questions.dialog, Problem) and damage in app.questions.dialog.title
     assert app.preferences.recent == []
     frames(app, 2)
     from pyglet.window import key
 
     send(app, "on_key_press", key.ESCAPE, 0)
-    assert app.dialog is None
+    assert app.questions.dialog is None
 
 
 def test_a_data_set_of_two_folders_shows_its_photographs(app, tmp_path, write_dataset):
@@ -123,9 +123,12 @@ def test_a_data_set_of_two_folders_shows_its_photographs(app, tmp_path, write_da
         images = [Image.new("RGB", (32, 24), (9, 99, 9))] * 2
         write_dataset(tmp_path / "data", images, split, poses=poses)
     drop(app, tmp_path / "data")
-    assert app.dialog is None and len(app.photographs) == 2
+    assert app.questions.dialog is None and len(app.photographs) == 2
     drop(app, tmp_path / "data/transforms_train.json")
-    assert isinstance(app.dialog, Problem) and "deformrf train" in app.dialog.sentence
+    assert (
+        isinstance(app.questions.dialog, Problem)
+        and "deformrf train" in app.questions.dialog.sentence
+    )
 
 
 def test_a_session_that_is_opened_is_played(app, tmp_path):
@@ -160,8 +163,8 @@ def test_a_session_that_cant_be_played_keeps_what_was_done(app, tmp_path):
     scene.body.paint = fail
     drop(app, path)
     assert (
-        isinstance(app.dialog, Problem)
-        and "line 2: paint at tick 3 can't be played: it is so" in app.dialog.sentence
+        isinstance(app.questions.dialog, Problem)
+        and "line 2: paint at tick 3 can't be played: it is so" in app.questions.dialog.sentence
     )
     assert scene.journal.events[: len(events)] == events and scene.on_ground
     assert app.session_start is start
@@ -227,7 +230,7 @@ def test_ctrl_o_and_a_click_open_a_file(app, other, monkeypatch):
     for name in ("on_mouse_press", "on_mouse_release"):
         send(app, name, *at, mouse.LEFT, 0)
         frames(app, 2)
-    assert app.scene.name == "other" and app.dialog is None
+    assert app.scene.name == "other" and app.questions.dialog is None
 
 
 def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
@@ -238,7 +241,7 @@ def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
     send(app, "on_key_press", key.ESCAPE, 0)
     frames(app, 2)
     send(app, "on_key_release", key.ESCAPE, 0)
-    assert app.dialog is None
+    assert app.questions.dialog is None
     send(app, "on_key_press", key.O, key.MOD_CTRL)
     send(app, "on_key_release", key.LCTRL, key.MOD_CTRL)
     frames(app, 3)
@@ -246,7 +249,7 @@ def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
     frames(app, 2)
     send(app, "on_key_press", key.RETURN, 0)
     frames(app, 3)
-    assert app.scene.name == "other" and app.dialog is None
+    assert app.scene.name == "other" and app.questions.dialog is None
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names are UTF-8 there")
@@ -264,10 +267,12 @@ def test_names_that_are_not_utf_8_are_shown_and_opened(
     folder = tmp_path / "caf\udce9"
     folder.mkdir()
     path = other.rename(folder / "m\udcff.npz")
-    app.dialog = FileDialog("Open", folder, (".npz",), lambda path: setattr(app, "asked", path))
+    app.questions.dialog = FileDialog(
+        "Open", folder, (".npz",), lambda path: setattr(app.opening, "asked", path)
+    )
     frames(app, 2)
-    assert app.dialog.text.endswith("caf?") and app.dialog.typed() == folder
-    assert app.dialog.choose(Path(app.dialog.entries[0][0]))
+    assert app.questions.dialog.text.endswith("caf?") and app.questions.dialog.typed() == folder
+    assert app.questions.dialog.choose(Path(app.questions.dialog.entries[0][0]))
     frames(app, 2)
     assert app.scene.name == path.stem and app.preferences.recent == [str(path)]
     shown, draw = [], imgui.menu_item_simple
@@ -276,12 +281,12 @@ def test_names_that_are_not_utf_8_are_shown_and_opened(
         opened.setattr(imgui, "end_menu", lambda: None)
         opened.setattr(imgui, "menu_item_simple", lambda s: shown.append(s) or draw(s))
         app.gui.begin()
-        app.gui.guarded(recent_items, app)
+        app.gui.guarded(recent_items, window=app)
         app.gui.end()
     assert shown == ["menu", "m?.npz##0"]
     app.recorder.say(f"wrote {path}")
     drop(app, folder / "absent\udcff.npz")
-    assert isinstance(app.dialog, Problem)
+    assert isinstance(app.questions.dialog, Problem)
     frames(app, 2)
     assert not app.gui._failed and "wrote" in app.recorder.message
     capsys.readouterr()

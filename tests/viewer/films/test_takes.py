@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from deformrf.core import field as fields
+from deformrf.viewer.actions import ACTIONS
 from deformrf.viewer.document import Session, load_session
 from deformrf.viewer.films import film_job
 from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
-from deformrf.viewer.input import ACTIONS
 
 pytestmark = pytest.mark.gl
 
@@ -153,11 +153,13 @@ def test_a_take_is_of_the_model_that_is_shown(taken, ball):
     """Another model has no such ticks."""
     taken.load(ball, "another", "cpu")
     assert taken.takes.take is None and not taken.takes.asking
-    assert taken.left_behind is not None  # the work on the one before, which is asked about
-    taken.left_behind = None
+    assert (
+        taken.questions.left_behind is not None
+    )  # the work on the one before, which is asked about
+    taken.questions.left_behind = None
     press(taken)
     assert taken.takes.recording
-    taken.play(Session({"start": {}, "ticks": 3}, []))
+    taken.playing.play(Session({"start": {}, "ticks": 3}, []))
     assert not taken.takes.recording
 
 

@@ -55,7 +55,7 @@ def test_points_of_the_object_go_where_it_goes(ball):
 @pytest.mark.parametrize("meters, spacing", [(0.7, 0.1), (1.0, 0.2), (2.6, 0.5), (0.02, 0.002)])
 def test_lines_are_round_lengths_apart(ball, meters, spacing):
     scene = Scene(ball, "ball", "cpu", meters=meters)
-    assert line_spacing(scene) == pytest.approx(spacing)
+    assert line_spacing(scene.body.meters) == pytest.approx(spacing)
 
 
 class Stage:
@@ -92,7 +92,7 @@ def stage(ball, window):
 def on_ground(stage, cells):
     """Pixels of points of the ground that are so many spacings from the origin [N, 2].  [N, 2]"""
     scene = stage.scene
-    spacing = line_spacing(scene) / scene.body.meters_per_unit
+    spacing = line_spacing(scene.body.meters) / scene.body.meters_per_unit
     height = np.full((len(cells), 1), scene.solver.options.ground)
     pixels, _ = picking.project(stage.camera, np.hstack([np.array(cells) * spacing, height]))
     seen = picking.depth_at(stage.layer.depth_image(), stage.camera, pixels)

@@ -177,8 +177,8 @@ def test_a_scale_says_what_its_ends_are(surface):
 
 def test_each_key_of_a_view_mode_shows_it():
     from deformrf.core.render import MODES
-    from deformrf.viewer.input import ACTIONS, action_of
-    from deformrf.viewer.input.inputs import CTRL
+    from deformrf.viewer.actions import ACTIONS, action_of
+    from deformrf.viewer.tools import CTRL
 
     app = SimpleNamespace(scene=SimpleNamespace(settings=Settings()))
     for number, mode in enumerate(MODES, start=1):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformrf.viewer.input import ACTIONS
+from deformrf.viewer.actions import ACTIONS
 
 BOX = [[0.2, 0.1, 0.0], [0.8, 0.9, 1.0]]
 
@@ -18,7 +18,7 @@ def app(window, ball):
     app = App(*window, EventLog(False))
     field = replace(ball, meta={"object_box": BOX, "object_stands": True})
     app.load(field, "ball", "cpu")
-    app.left_behind = None
+    app.questions.left_behind = None
     app.scene.settings.show_panel = app.scene.settings.accumulate = False
     app.scene.settings.has_dragged = True  # without the line that says how to begin
     yield app

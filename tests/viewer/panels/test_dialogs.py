@@ -1,11 +1,13 @@
 """Dialogs and lists keep keyboard and mouse to themselves."""
 
+from functools import partial
+
 import pytest
 from asking_app import click, frames, opened, places_of_buttons, press, quit_by, send
 
+from deformrf.viewer.actions import ACTIONS, INPUTS, Action
 from deformrf.viewer.camera import picking
 from deformrf.viewer.files import FileDialog, Problem
-from deformrf.viewer.input import ACTIONS, INPUTS
 
 pytestmark = pytest.mark.gl
 
@@ -29,7 +31,7 @@ def test_a_message_is_in_front_of_the_panel(app, places):
     frames(app)
     click(app, places["Pause"])
     frames(app)
-    message, panel = map(imgui.internal.find_window_by_name, ("message", "deformrf"))
+    message, panel = map(imgui.internal.find_window_by_name, ("message", "task"))
     front = imgui.internal.find_window_display_index
     assert front(message) > front(panel)
 
@@ -39,11 +41,11 @@ def ask(app, what, tmp_path):
         app.scene.set_ground(True)
         quit_by(app, "close")
     elif what == "recovery":
-        app.left_behind = tmp_path / "left.jsonl"
+        app.questions.left_behind = tmp_path / "left.jsonl"
     elif what == "problem":
-        app.dialog = Problem("Something", "is wrong")
+        app.questions.dialog = Problem("Something", "is wrong")
     elif what == "file":
-        app.dialog = FileDialog("Open", tmp_path, (".npz",), None)
+        app.questions.dialog = FileDialog("Open", tmp_path, (".npz",), None)
     elif what == "film":
         app.takes.ask()
 
@@ -66,8 +68,9 @@ def asked(app, what, tmp_path, monkeypatch):
             return result
 
         monkeypatch.setattr(imgui, "combo", noted)
+        app.scene.settings.task = "view"
         frames(app)
-        click(app, places["material"])
+        click(app, places["##show"])
         assert app.gui.has_keyboard
     else:
         ask(app, what, tmp_path)
@@ -82,7 +85,7 @@ def test_no_shortcut_reaches_the_scene_behind(asked, what, drawn, monkeypatch):
     called = []
     for name in ACTIONS:
         if name not in ("quit", "cancel"):
-            monkeypatch.setitem(ACTIONS, name, lambda app, name=name: called.append(name))
+            monkeypatch.setitem(ACTIONS, name, Action(partial(called.append, name)))
     if drawn:
         frames(asked)
     for entry in INPUTS:
@@ -137,7 +140,7 @@ def test_what_was_held_is_let_go_though_a_dialog_came(app):
     assert app.scene.handles.grabbed is not None
     send(app, "on_key_press", key.O, key.MOD_CTRL)
     frames(app)
-    assert app.dialog is not None
+    assert app.questions.dialog is not None
     send(app, "on_mouse_release", x + 9, y, mouse.LEFT, 0)
     assert app.scene.handles.grabbed is None and not app.controls.mode
 
@@ -152,7 +155,7 @@ def test_a_dialog_ends_the_flight(app):
     app.scene.set_ground(True)
     send(app, "on_close")
     frames(app)
-    assert app.leaving is not None and not app.fly.on
+    assert app.questions.leaving is not None and not app.fly.on
     orbit = app.scene.orbit
     frames(app, 3)
     assert app.scene.orbit is orbit
@@ -163,13 +166,15 @@ def test_a_path_is_typed_again_after_an_error(app, ball_file):
     from pyglet.window import key
 
     folder = ball_file.parent
-    app.dialog = FileDialog("Open", folder, (".npz",), lambda path: setattr(app, "asked", path))
+    app.questions.dialog = FileDialog(
+        "Open", folder, (".npz",), lambda path: setattr(app.opening, "asked", path)
+    )
     frames(app, 3)
     for name in ("absent rp.npz", "~nobody-of-that-name/x", str(folder / "absent")):
         send(app, "on_text", name)
         frames(app)
         press(app, key.RETURN)
-        assert app.dialog is not None and app.dialog.problem
+        assert app.questions.dialog is not None and app.questions.dialog.problem
         frames(app)
         assert app.gui._io.want_text_input
     assert not app.scene.journal.steps and not app.scene.paused
@@ -178,17 +183,17 @@ def test_a_path_is_typed_again_after_an_error(app, ball_file):
     frames(app)
     press(app, key.RETURN)
     frames(app)
-    assert app.dialog is None and app.scene is not before and app.scene.name == "ball"
+    assert app.questions.dialog is None and app.scene is not before and app.scene.name == "ball"
 
 
 def test_keys_are_shortcuts_again_as_soon_as_the_dialog_is_gone(app, tmp_path):
     from pyglet.window import key
 
-    app.dialog = FileDialog("Open", tmp_path, (".npz",), None)
+    app.questions.dialog = FileDialog("Open", tmp_path, (".npz",), None)
     frames(app, 3)
     send(app, "on_key_press", key.ESCAPE, 0)
     send(app, "on_key_press", key.SPACE, 0)  # before any frame
-    assert app.dialog is None and app.scene.paused
+    assert app.questions.dialog is None and app.scene.paused
 
 
 def test_a_film_whose_name_is_taken_says_so_in_its_dialog(app, tmp_path):

@@ -87,7 +87,7 @@ def test_a_free_drag_has_the_mouse_also_over_the_panel(app):
 
 
 def test_a_free_drag_from_a_menu_begins_where_the_mouse_is(app):
-    from deformrf.viewer.input import ACTIONS
+    from deformrf.viewer.actions import ACTIONS
 
     scene, controls = app.scene, app.controls
     scene.handles.select(scene.handles.control_ids[:2])
@@ -106,12 +106,12 @@ def test_a_free_drag_from_a_menu_begins_where_the_mouse_is(app):
 def offered(app):
     from deformrf.viewer.panels.keys import offers_keys
 
-    return offers_keys(app)
+    return offers_keys(app.preferences, app.scene.settings)
 
 
 @pytest.mark.parametrize("answer", ["keys_blender", "keys_deformrf"])
 def test_keys_are_offered_until_they_are_chosen_if_that_is_kept(app, tmp_path, answer):
-    from deformrf.viewer.input import ACTIONS
+    from deformrf.viewer.actions import ACTIONS
 
     settings = app.scene.settings
     assert not offered(app)  # nothing is kept: a script, a test

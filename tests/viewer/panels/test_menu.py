@@ -2,8 +2,7 @@
 
 import pytest
 
-from deformrf.viewer.input import INPUTS, inputs_of
-from deformrf.viewer.input.inputs import Input
+from deformrf.viewer.actions import INPUTS, Input, inputs_of
 from deformrf.viewer.panels import menu as m
 from deformrf.viewer.settings import KEYS
 
@@ -15,7 +14,15 @@ def test_menus_are_the_tables():
         Input("click", "no menu"),
     )
     tree = m.menu_tree([first, second, third])
-    assert tree == {"File": {"Export": {"B": second}}, "Edit": {"A": first}, "Help": {}}
+    assert tree == {"Edit": {"A": first}, "File": {"Export": {"B": second}}}
+
+
+def test_a_dash_draws_a_line_above_an_item_or_a_menu():
+    one, other = (Input("", "", action=name, menu=f"Edit/{name}") for name in ("A", "-B"))
+    third = Input("", "", action="c", menu="Edit/-More/C")
+    tree = m.menu_tree([one, other, third, third])
+    assert list(tree["Edit"]) == ["A", "-1", "B", "-3", "More"]
+    assert tree["Edit"]["-1"] is None and tree["Edit"]["B"] is other
 
 
 def test_file_is_the_first_menu_and_help_the_last():
@@ -116,18 +123,19 @@ def test_escape_closes_an_open_menu_and_then_the_help(app):
 
 @pytest.mark.gl
 @pytest.mark.parametrize("keys", KEYS)
-def test_the_help_names_every_key_within_the_windows_height(app, monkeypatch, keys):
+def test_the_help_names_every_key_and_fits_the_window(app, monkeypatch, keys):
     from imgui_bundle import imgui
 
-    heights = {}
-
-    def noted(text, draw=imgui.text):
-        heights[text] = imgui.get_cursor_screen_pos().y + imgui.get_text_line_height()
-        draw(text)
-
-    monkeypatch.setattr(imgui, "text", noted)
+    drawn = []
+    monkeypatch.setattr(imgui, "text_wrapped", drawn.append)
     app.scene.settings.show_help, app.scene.settings.keys = True, keys
     frames(app, 3)
-    labels = {entry.label for entry in inputs_of(keys) if entry.label}
-    assert labels <= set(heights)
-    assert max(heights[label] for label in labels) <= app.window.height
+    assert {entry.label for entry in inputs_of(keys) if entry.label} <= set(drawn)
+    window = imgui.internal.find_window_by_name("help")
+    assert window.pos.x >= 0.0 and window.pos.y >= 0.0
+    assert window.pos.x + window.size.x <= app.window.width
+    assert window.pos.y + window.size.y <= app.window.height
+    drawn.clear()
+    app.gui.help_filter = "wireframe"
+    frames(app, 1)
+    assert {"W", "wireframe"} <= set(drawn) and "Ctrl+Z" not in drawn

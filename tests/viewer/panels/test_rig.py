@@ -52,7 +52,8 @@ def test_the_section_shows_bones_and_clips_of_the_model_and_what_is_chosen(app, 
     from deformrf.viewer.panels import rig as panel
 
     lines = []
-    monkeypatch.setattr(panel.imgui, "text_disabled", lines.append)
+    app.scene.settings.task = "rig"
+    monkeypatch.setattr(panel.imgui, "text_wrapped", lines.append)
     frames(app, 1)
     assert "2 bones" in lines
     app.scene.rigging.selected = 1, "tail"

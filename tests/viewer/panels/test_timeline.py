@@ -50,7 +50,7 @@ def place(app, tick, row):
     """Where a tick is on a track, or on the ruler: row -1; in pyglet's coordinates."""
     from deformrf.viewer.panels import timeline as panel
 
-    from_bottom = 12.0 + 10.0 + 36.0 + panel.LANE * (1.5 - row)
+    from_bottom = 8.0 + 36.0 + panel.LANE * (1.5 - row)
     return round(app.strip.scale.place(tick)), round(from_bottom)
 
 
@@ -106,7 +106,8 @@ def test_all_of_the_panel_is_drawn_without_a_fault(app, caplog):
     from imgui_bundle import imgui
     from pyglet.window import key
 
-    from deformrf.viewer.panels.timeline import poses_panel
+    from deformrf.viewer.panels.timeline import animate_panel
+    from deformrf.viewer.parts import call
 
     settings, line = app.scene.settings, app.scene.timeline
     settings.show_panel = True
@@ -117,7 +118,7 @@ def test_all_of_the_panel_is_drawn_without_a_fault(app, caplog):
     frames(app, 2)
     app.gui.begin()
     imgui.begin("poses")
-    poses_panel(app)
+    call(animate_panel, app)
     imgui.end()
     app.gui.end()
     assert not app.gui._failed and "failed" not in caplog.text

@@ -103,9 +103,10 @@ def test_other_numbers_are_taken_or_their_bound(typed, value, text, expected):
 def test_a_color_has_numbers(monkeypatch, bad):
     from imgui_bundle import imgui
 
-    from deformrf.viewer.panels.widgets import color
+    from deformrf.viewer.panels import widgets
 
-    taken = []
+    color, taken = widgets.color, []
+    monkeypatch.setattr(widgets, "named", str)  # which draws
     monkeypatch.setattr(imgui, "color_edit3", lambda *_: (True, [0.1, bad, 0.2]))
     color("background", (1.0, 1.0, 1.0), taken.append)
     monkeypatch.setattr(imgui, "color_edit3", lambda *_: (True, [0.1, 3.0, -0.2]))

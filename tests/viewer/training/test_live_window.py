@@ -63,5 +63,5 @@ def test_another_scene_takes_the_place_of_the_one_before(app, ball):
     send(app, "on_mouse_release", x, y, mouse.LEFT, 0)
     app.scene.settings.show_panel = True
     frames(app, 2)
-    send(app, "on_mouse_press", 60, app.window.height - 40, mouse.LEFT, 0)
+    send(app, "on_mouse_press", app.window.width - 60, 200, mouse.LEFT, 0)
     assert app.gui.mouse_on_panel and not app.controls.mode

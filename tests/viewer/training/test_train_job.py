@@ -119,7 +119,7 @@ def app(give_up_window, ball):
 
     app = App(*window, EventLog(False))
     app.load(ball, "ball", "cpu")
-    app.left_behind = None
+    app.questions.left_behind = None
     yield app
     app.end()
     app.close()
@@ -137,11 +137,11 @@ def test_a_folder_that_is_dropped_is_trained_and_its_model_shown(
 ):
     monkeypatch.setattr(train_job, "CODE", WORKS.replace("MODEL", repr(str(ball_file))))
     drop(app, photos)
-    assert isinstance(app.dialog, TrainOffer) and app.dialog.data == photos
-    offer = app.dialog
+    assert isinstance(app.questions.dialog, TrainOffer) and app.questions.dialog.data == photos
+    offer = app.questions.dialog
     train_job.begin_job(app)
     job = app.train_job
-    assert app.dialog is None
+    assert app.questions.dialog is None
     app.run(app.frame_count + 1)  # which may see its end
     ended(job)
     app.run(app.frame_count + 3)
@@ -165,7 +165,7 @@ def test_the_offer_is_answered_with_the_mouse(app, photos, monkeypatch):
     from imgui_bundle import imgui
 
     began = []
-    monkeypatch.setattr("deformrf.viewer.panels.offering.begin_job", began.append)
+    monkeypatch.setattr("deformrf.viewer.app.begin_job", began.append)
     places = {}
     button = imgui.button
 
@@ -186,4 +186,4 @@ def test_the_offer_is_answered_with_the_mouse(app, photos, monkeypatch):
     app.window.dispatch_event("on_mouse_release", *at, 1, 0)
     app.window.dispatch_events()
     app.run(app.frame_count + 2)
-    assert began == [app] and app.dialog is None
+    assert began == [app] and app.questions.dialog is None

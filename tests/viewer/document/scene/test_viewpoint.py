@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from deformrf.viewer.actions import ACTIONS, AXIS_VIEWS, FROM_VIEW, UPS, action_of, set_up, up_name
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import (
@@ -16,17 +17,7 @@ from deformrf.viewer.document import (
     start_of,
 )
 from deformrf.viewer.films.film import between
-from deformrf.viewer.input import (
-    ACTIONS,
-    AXIS_VIEWS,
-    FROM_VIEW,
-    UPS,
-    Controls,
-    action_of,
-    set_up,
-    up_name,
-)
-from deformrf.viewer.input.inputs import SHIFT
+from deformrf.viewer.tools import SHIFT, Controls
 
 
 @pytest.fixture
@@ -97,13 +88,13 @@ def test_a_session_has_the_views(scene, ball, tmp_path):
 
 @pytest.mark.parametrize("name", UPS)
 def test_up_is_chosen_by_its_axis(scene, name):
-    set_up(scene, name)
+    set_up(scene.viewpoint, name)
     assert up_name(scene.orbit) == name
     assert orbits.pose_of(scene.orbit)[:3, 1] @ UPS[name] > 0.0
     scene.viewpoint.home()
     assert up_name(scene.orbit) == name  # it is the capture's
     app = SimpleNamespace(scene=scene)
-    for view, (_, pitch) in AXIS_VIEWS.items():
+    for view, (_, pitch, _) in AXIS_VIEWS.items():
         ACTIONS[view](app)
         away = orbits.pose_of(scene.orbit)[:3, 2] @ UPS[name]
         assert away == pytest.approx(np.sin(np.radians(pitch)), abs=1e-9)
@@ -112,7 +103,7 @@ def test_up_is_chosen_by_its_axis(scene, name):
 def test_up_can_be_that_of_the_picture(scene):
     scene.orbit = orbits.changed(scene.orbit, {"roll": 0.5, "pitch": 0.2})
     before = orbits.pose_of(scene.orbit)
-    set_up(scene, FROM_VIEW)
+    set_up(scene.viewpoint, FROM_VIEW)
     assert orbits.pose_of(scene.orbit) == pytest.approx(before)
     assert scene.orbit.roll == 0.0 and up_name(scene.orbit) == FROM_VIEW
 

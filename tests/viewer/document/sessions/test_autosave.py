@@ -220,14 +220,14 @@ def test_a_session_that_was_left_behind_is_offered_and_goes_on(app, ball, tmp_pa
     path = save_session(scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl")
     bent = scene.solver.vertices.numpy().copy()
     labels = [step.label for step in scene.journal.steps]
-    app.left_behind = a.left_behind(a.autosave_folder(), ball.mesh)
-    assert app.left_behind == path
+    app.questions.left_behind = a.left_behind(a.autosave_folder(), ball.mesh)
+    assert app.questions.left_behind == path
     scene.body.set_material(young_modulus=2e6)  # is forgotten
-    app.recover()
+    app.playing.recover()
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), bent)
     assert [step.label for step in scene.journal.steps] == labels and scene.on_ground
     assert scene.body.material.young_modulus == 1e6
-    assert not path.exists() and app.left_behind is None
+    assert not path.exists() and app.questions.left_behind is None
     frames(app, 2)
     assert scene.undo() and scene.undo() and not scene.undo()
 
@@ -244,10 +244,10 @@ def test_a_session_that_ended_at_a_pose_of_the_timeline_shows_it(app, ball):
     scene.timeline.blend_pose("bent", 0.5)
     bent = scene.solver.vertices.numpy().copy()
     a.autosave_folder().mkdir(parents=True, exist_ok=True)
-    app.left_behind = save_session(
+    app.questions.left_behind = save_session(
         scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl"
     )
-    app.recover()
+    app.playing.recover()
     scene.advance(0.1)
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), bent)
     assert scene.paused and scene.timeline.stands
@@ -258,10 +258,10 @@ def test_a_session_that_ended_at_a_pose_of_the_timeline_shows_it(app, ball):
 
 @pytest.mark.gl
 def test_a_damaged_session_that_was_left_behind_is_told_of(app, tmp_path):
-    app.left_behind = tmp_path / "damaged.jsonl"
-    app.left_behind.write_text("{}")
+    app.questions.left_behind = tmp_path / "damaged.jsonl"
+    app.questions.left_behind.write_text("{}")
     frames(app, 2)  # the question is drawn
-    app.recover()
+    app.playing.recover()
     assert "not a session" in app.recorder.message and (tmp_path / "damaged.jsonl").exists()
 
 
@@ -281,7 +281,7 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
     """The button is in a panel: nothing is played before that panel's frame has ended."""
     from imgui_bundle import imgui
 
-    from deformrf.viewer import panels, playing
+    from deformrf.viewer import playing
     from deformrf.viewer.document.sessions import player
 
     app.scene.set_ground(True)
@@ -292,18 +292,22 @@ def test_the_window_shows_how_far_a_long_session_has_been_played(app, ball, monk
         app.scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl"
     )
     app.scene.set_ground(False)
-    shown, draw = [], panels.playing_window
+    shown, draw = [], app.panels.playing_window
     monkeypatch.setattr(playing, "SILENT_SECONDS", 0.0)
     monkeypatch.setattr(player, "BATCH_SECONDS", 0.0)
-    monkeypatch.setattr(panels, "playing_window", lambda *at: (shown.append(at), draw(*at)))
-    app.left_behind = path
+    monkeypatch.setattr(app.panels, "playing_window", lambda *at: (shown.append(at), draw(*at)))
+    app.questions.left_behind = path
     with monkeypatch.context() as clicked:
-        clicked.setattr(imgui, "button", lambda label, *size: label == "Go on with it")
+        button = imgui.button
+        answer = "Go on with it"
+        clicked.setattr(
+            imgui, "button", lambda label, *size: button(label, *size) or label == answer
+        )
         frames(app, 1)
     assert shown == [] and not app.scene.on_ground
     frames(app, 2)
     assert 90 < shown[-1][0] <= 100 and shown[-1][1].total == 100
-    assert app.scene.on_ground and app.left_behind is None
+    assert app.scene.on_ground and app.questions.left_behind is None
     assert not app.gui._failed  # panels
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from deformrf.core import field as fields
 from deformrf.core.base.paths import BUNDLED, DEFAULT_MODEL
+from deformrf.viewer.actions import ACTIONS
 from deformrf.viewer.document import (
     Player,
     Scene,
@@ -17,7 +18,6 @@ from deformrf.viewer.document import (
     save_session,
     start_of,
 )
-from deformrf.viewer.input import ACTIONS
 from deformrf.wings import rig as rigs
 
 pytestmark = pytest.mark.gl
@@ -107,12 +107,12 @@ def test_a_copy_and_the_session_open_together(app, edits):
 def test_in_the_window_the_session_s_model_is_shown(app):
     copy, session = work(app, [rig, cut])
     expected = app.scene.solver.vertices.numpy().copy()
-    app.asked = copy
+    app.opening.asked = copy
     app.frame(0.0)
     assert app.scene.name == copy.stem and app.scene.field.mesh.tet_count
-    app.asked = session
+    app.opening.asked = session
     app.frame(0.0)
-    assert app.dialog is None, app.dialog
+    assert app.questions.dialog is None, app.questions.dialog
     assert app.scene.name == "ball" and app.scene.rigging.bone_count == 2
     np.testing.assert_array_equal(app.scene.solver.vertices.numpy(), expected)
     ACTIONS["save_session"](app)  # again, from here

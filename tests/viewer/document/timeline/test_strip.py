@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from deformrf.viewer.actions import ACTIONS
 from deformrf.viewer.document import Scene
 from deformrf.viewer.document.timeline import strip as s
-from deformrf.viewer.input import actions as a
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def ticks(line, track="camera"):
 def keyed(app, *ticks_of_keys):
     for tick in ticks_of_keys:
         app.scene.timeline.scrub(tick)
-        a.ACTIONS["key_camera"](app)
+        ACTIONS["key_camera"](app)
 
 
 def dragged(app, start, end, track="camera", copy=False):
@@ -79,7 +79,7 @@ def test_a_key_that_is_undone_while_it_is_dragged_is_told_of(app, line):
     keyed(app, 30)
     app.strip.press(line, "camera", 160.0)
     app.strip.drag(line, 300.0)
-    a.ACTIONS["undo"](app)
+    ACTIONS["undo"](app)
     assert app.strip.drop(line, False) == "the camera key that you dragged is gone"
     assert ticks(line) == [] and app.strip.holds == ""
 
@@ -94,7 +94,7 @@ def test_a_press_beside_keys_takes_the_playhead(app, line):
 
 def test_a_press_on_the_playhead_stops_what_plays(app, line):
     keyed(app, 0, 90)
-    a.ACTIONS["play"](app)
+    ACTIONS["play"](app)
     assert line.playing and line.head == 0
     dragged(app, 100.0, 100.0, track=None)
     assert not line.playing and line.head == 0
@@ -105,30 +105,30 @@ def test_the_key_at_the_playhead_is_chosen_and_what_is_gone_is_not(app, line):
     assert app.strip.chosen(line) == ("camera", 90)
     app.strip.selected = "camera", 30
     assert app.strip.chosen(line) == ("camera", 30)
-    a.ACTIONS["delete_key"](app)
+    ACTIONS["delete_key"](app)
     assert ticks(line) == [90] and app.strip.chosen(line) == ("camera", 90)
-    a.ACTIONS["delete_key"](app)
-    a.ACTIONS["delete_key"](app)  # nothing is left
+    ACTIONS["delete_key"](app)
+    ACTIONS["delete_key"](app)  # nothing is left
     assert ticks(line) == []
 
 
 def test_keys_of_the_keyboard_walk_over_keys_and_copy(app, line):
     keyed(app, 0, 30, 90)
-    a.ACTIONS["previous_key"](app)
-    a.ACTIONS["previous_key"](app)
-    a.ACTIONS["previous_key"](app)
+    ACTIONS["previous_key"](app)
+    ACTIONS["previous_key"](app)
+    ACTIONS["previous_key"](app)
     assert line.head == 0
-    a.ACTIONS["next_key"](app)
+    ACTIONS["next_key"](app)
     assert line.head == 30
     app.strip.selected = "camera", 0
     line.scrub(60)
-    a.ACTIONS["copy_key"](app)
+    ACTIONS["copy_key"](app)
     assert ticks(line) == [0, 30, 60, 90]
     assert line.keys["camera"][2].orbit is line.keys["camera"][0].orbit
 
 
 def test_a_key_of_both_is_one_step_and_shows_the_strip(app, line):
-    a.ACTIONS["key"](app)
+    ACTIONS["key"](app)
     assert ticks(line) == ticks(line, "pose") == [0] and app.scene.settings.show_timeline
     assert app.said == ["key of camera and pose at 0.00 s"]
     app.scene.undo()
@@ -136,14 +136,14 @@ def test_a_key_of_both_is_one_step_and_shows_the_strip(app, line):
 
 
 def test_play_says_that_there_are_no_keys(app, line):
-    a.ACTIONS["play"](app)
+    ACTIONS["play"](app)
     assert not line.playing and "no keys" in app.said[-1]
 
 
 def test_a_turntable_is_one_click_and_one_step(app, line):
     app.strip.turn_seconds = 2.0
     before = app.scene.orbit
-    a.ACTIONS["turntable"](app)
+    ACTIONS["turntable"](app)
     assert line.playing and line.loop and line.end == 120 and line.head == 0
     for _ in range(60):
         app.scene.tick()
@@ -161,17 +161,17 @@ def test_what_is_too_many_is_said(app, line, monkeypatch):
     app.strip.selected = "camera", 0
     for action in ("key", "copy_key", "save_pose"):
         app.said.clear()
-        a.ACTIONS[action](app)
+        ACTIONS[action](app)
         assert "at most 2" in app.said[0] or "delete one first" in app.said[0]
     assert "at most 2" in dragged(app, 100.0, 300.0, copy=True)
     assert ticks(line) == [0, 30] and app.strip.holds == ""
 
 
 def test_poses_get_names(app, line):
-    a.ACTIONS["save_pose"](app)
+    ACTIONS["save_pose"](app)
     app.strip.pose_name = " nod\n" + 100 * "x"
-    a.ACTIONS["save_pose"](app)
-    a.ACTIONS["save_pose"](app)
+    ACTIONS["save_pose"](app)
+    ACTIONS["save_pose"](app)
     names = [pose.name for pose in line.poses]
     assert names[0] == "pose 1" and names[1].startswith("nodx") and names[2] == "pose 2"
     assert len(names[1]) <= 60 and app.strip.pose_name == ""

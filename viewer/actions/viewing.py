@@ -1,0 +1,174 @@
+"""Actions that change the view: the camera, what the picture shows, the window's panels."""
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ...core.render import MODES
+from ..camera import pose_of, with_up
+from ..settings import PANEL_WIDTHS, SIDES, TASKS
+from ..tools import found_box
+from .action import action, choice, gesture, toggle
+
+AXIS_VIEWS = {  # yaw and pitch [degrees], and the key
+    "front": (0.0, 0.0, "_1"),
+    "right": (90.0, 0.0, "_3"),
+    "above": (0.0, 90.0, "_7"),
+    "back": (180.0, 0.0, "SHIFT+_1"),
+    "left": (-90.0, 0.0, "SHIFT+_3"),
+    "below": (0.0, -90.0, "SHIFT+_7"),
+}
+UPS = {  # what can be chosen to be up
+    sign + axis: tuple(np.roll((1.0 if sign == "+" else -1.0, 0.0, 0.0), place).tolist())
+    for place, axis in enumerate("xyz")
+    for sign in "+-"
+}
+FROM_VIEW = "from this view"
+
+gesture("middle or right drag", "pan", only="deformrf")
+gesture("middle drag", "orbit", only="blender")
+gesture("Shift+middle, or right drag", "pan", only="blender")
+gesture("wheel", "zoom to the mouse; with the brush that deletes, its size")
+
+
+@action("focus: the object, or the point under the mouse", "F", "View/Focus")
+def focus(viewpoint):
+    viewpoint.focus()
+
+
+@action("reset the camera", "HOME", "View/Reset camera")
+def home(viewpoint):
+    viewpoint.home()
+
+
+def _look(yaw, pitch, viewpoint):
+    """Turn the camera there about its target."""
+    angles = {"yaw": math.radians(yaw), "pitch": math.radians(pitch), "roll": 0.0}
+    viewpoint.orbit = replace(viewpoint.orbit, **angles)
+
+
+for _name, (_yaw, _pitch, _key) in AXIS_VIEWS.items():
+    _place = _name if _name in ("above", "below") else f"the {_name}"
+    action(f"look from {_place}", _key, f"View/From/{_name.capitalize()}", name=_name)(
+        partial(_look, _yaw, _pitch)
+    )
+
+
+@action(
+    *("orthographic, or not", "_5", "View/Orthographic"),
+    on=lambda viewpoint: viewpoint.orbit.parallel,
+)
+def toggle_parallel(viewpoint):
+    viewpoint.orbit = replace(viewpoint.orbit, parallel=not viewpoint.orbit.parallel)
+
+
+@action("fly with W A S D, Q and E, and the mouse; Esc ends", "G", "View/Fly", "SHIFT+F")
+def fly(fly):
+    fly.toggle()
+
+
+def up_name(orbit) -> str:
+    """What is up, one of UPS, or that it was taken from a view."""
+    return next((name for name, up in UPS.items() if np.allclose(up, orbit.up)), FROM_VIEW)
+
+
+def set_up(viewpoint, name: str) -> None:
+    """Let one of UPS be up, or what is up in the picture."""
+    up = UPS.get(name)
+    if up is None:
+        up = pose_of(viewpoint.orbit)[:3, 1]
+        up = up / np.linalg.norm(up)
+    viewpoint.orbit = with_up(viewpoint.orbit, up)
+
+
+@action("next saved view", "V", "View/-Next saved view")
+def next_view(viewpoint, say):
+    name = viewpoint.next()
+    say(f"view: {name}" if name else "no view is saved yet")
+
+
+@action("save this view", "SHIFT+V", "View/Save view")
+def save_view(viewpoint, say):
+    say(f"saved: {viewpoint.save()}")
+
+
+# -- what the picture shows --------------------------------------------------------------------
+
+
+@action("next view mode: depth, normals, ...", "M", "View/-Show/Next")
+def next_mode(settings):
+    settings.mode = MODES[(MODES.index(settings.mode) + 1) % len(MODES)]
+
+
+for _number, _mode in enumerate(MODES, start=1):
+    choice(
+        *("mode", _mode, f"show {_mode}", f"CTRL+_{_number}", f"View/Show/{_mode}"),
+        name=f"show_{_mode}",
+    )
+for _surface, _help, _key, _name in (
+    ("strain", "strain as colors", "CTRL+_9", "strain"),
+    ("volume ratio", "volume ratio as colors", "CTRL+_0", "volume"),
+    ("plain", "surface of the mesh", "CTRL+W", "surface"),
+):
+    choice(
+        *("mesh_surface", _surface, _help, _key, f"View/Mesh/{_surface}"),
+        name=f"toggle_{_name}",
+        otherwise="hidden",
+    )
+
+
+@action(
+    *("hide or show all points and pins", "H", "View/Vertices", "CTRL+H"),
+    on=lambda settings: settings.show_handles,
+)
+def toggle_handles(settings, handles):
+    settings.show_handles = not settings.show_handles
+    handles.hover = None
+
+
+toggle("show_wireframe", "wireframe", "W", "View/Wireframe")
+toggle("show_bones", "hide or show bones", "SHIFT+H", "View/Bones")
+toggle("show_ground", "the ground with the object's shadow, where there is one", "", "View/Ground")
+
+
+@action(
+    *("the box that training found around the object", "O", "View/Box"),
+    on=lambda settings: settings.show_box,
+)
+def toggle_box(settings, field, say):
+    settings.show_box = not settings.show_box
+    if settings.show_box and found_box(field) is None:
+        say("this model has no box: its object was not sought in photographs")
+
+
+# -- panels ------------------------------------------------------------------------------------
+
+for _task in TASKS:
+    choice(
+        *("task", _task, f"the panel is about {_task}"),
+        menu=f"View/-Task/{_task.capitalize()}",
+        name=f"task_{_task}",
+    )
+toggle("show_panel", "hide or show the panel", "TAB", "View/Panel/Shown")
+
+
+@action(
+    "at the other side",
+    menu="View/Panel/On the right",
+    on=lambda settings: settings.panel_side == "right",
+)
+def panel_side(settings):
+    settings.panel_side = SIDES[1 - SIDES.index(settings.panel_side)]
+
+
+def _widen(by, settings):
+    low, high = PANEL_WIDTHS
+    settings.panel_width = min(max(settings.panel_width + by, low), high)
+
+
+for _name, _by in (("wider", 40.0), ("narrower", -40.0)):
+    action(f"40 points {_name}", menu=f"View/Panel/{_name.capitalize()}", name=f"panel_{_name}")(
+        partial(_widen, _by)
+    )

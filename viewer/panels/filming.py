@@ -1,0 +1,40 @@
+"""The task *Film*: pictures, recordings, films."""
+
+from imgui_bundle import imgui
+
+from .widgets import beside, button, setting
+
+RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
+RECORD_TOOLTIP = """marks a part of what you do,
+of which a film is rendered afterwards, in full quality"""
+CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
+
+
+def filming_panel(settings, takes, recorder, actions):
+    label = "Stop recording" if takes.recording else "Record"
+    button(label, actions, "record", RECORD_TOOLTIP)
+    beside()
+    button("Film...", actions, "save_film", "of the timeline, of what was recorded, or a turn")
+    beside()
+    button("Picture", actions, "screenshot", "of the view, into the current folder")
+    video = recorder.video
+    label = "Stop the clip" if video else "Clip of the screen"
+    button(label, actions, "record_screen", CLIP_TOOLTIP)
+    if recording_line(takes, recorder):
+        imgui.text_colored(RECORDING_RED, recording_line(takes, recorder))
+    if video:
+        imgui.text(
+            f"{video.frame_count} frames, {video.repeated_count} repeated, "
+            f"{video.dropped_count} left out"
+        )
+    setting("transparent pictures of the field alone", settings, "transparent_screenshots")
+    setting("points in clips and pictures", settings, "handles_in_clips")
+    setting("panels in pictures", settings, "panel_in_screenshots")
+
+
+def recording_line(takes, recorder) -> str:
+    """What is being recorded, and how long; empty if nothing."""
+    lines = [f"recording, {takes.seconds:.1f} s"] if takes.recording else []
+    if recorder.video:
+        lines.append(f"clip of the screen, {recorder.video.seconds:.1f} s")
+    return "; ".join(lines)

@@ -1,0 +1,76 @@
+"""The panel of the task: *Bend, Rig, Animate, Film, View*, each with what one needs for it."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from imgui_bundle import imgui
+
+from ..settings import TASKS
+from .bend import bend_panel
+from .camera import camera_panel, photographs_panel
+from .filming import filming_panel
+from .history import history_panel
+from .icons import icon
+from .rig import rig_panel
+from .timeline import animate_panel
+from .view import model_panel, picture_panel, speed_panel, window_panel
+from .widgets import highlighted, section
+
+
+class Section(NamedTuple):
+    """A part of a task's panel; without a title it has no head."""
+
+    title: str
+    panel: Callable
+    is_open: bool = True
+    needs: str = ""  # a part of the window without which it doesn't show
+
+
+SECTIONS = {
+    "bend": (Section("", bend_panel), Section("History", history_panel, False)),
+    "rig": (Section("", rig_panel),),
+    "animate": (Section("", animate_panel),),
+    "film": (Section("", filming_panel),),
+    "view": (
+        Section("Picture", picture_panel),
+        Section("Camera", camera_panel),
+        Section("Photographs", photographs_panel, needs="photographs"),
+        Section("Window", window_panel, False),
+        Section("Speed", speed_panel, False),
+        Section("Model", model_panel),
+    ),
+}
+ICONS = dict(zip(TASKS, ("hand_pointer", "bone", "clock", "film", "eye"), strict=True))
+
+
+def inspector(settings, panels) -> None:
+    """Draw the choice of the task, and its panel, into the window that is being built."""
+    _tasks(settings)
+    imgui.separator()
+    if imgui.begin_child("task"):
+        imgui.set_scroll_x(0.0)  # Shift and the wheel would push it sideways
+        for one in SECTIONS[settings.task]:
+            if one.needs and not panels.has(one.needs):
+                continue
+            if not one.title or section(one.title, one.is_open):
+                imgui.push_id(one.title)  # a button may be called like a head
+                panels.show(one.panel)
+                imgui.pop_id()
+    imgui.end_child()
+
+
+def _tasks(settings):
+    """A button for each of TASKS; all fit, without their words if need be."""
+    spacing, count = 2.0, len(TASKS)
+    width = (imgui.get_content_region_avail().x - spacing * (count - 1)) / count
+    for number, task in enumerate(TASKS):
+        if number:
+            imgui.same_line(0.0, spacing)
+        word = task.capitalize()
+        fits = imgui.calc_text_size(word).x + 6.0 < width
+        label = word if fits else icon(ICONS[task])
+        with highlighted(settings.task == task):
+            if imgui.button(f"{label}##{task}", (width, 0.0)):
+                settings.task = task
+                settings.show_timeline |= task == "animate"
+        imgui.set_item_tooltip(word)

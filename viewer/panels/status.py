@@ -1,0 +1,54 @@
+"""The line along the window's lower edge: what the mouse does, and how things stand."""
+
+from imgui_bundle import imgui
+
+from .bend import state_line, vertex_line
+from .filming import RECORDING_RED, recording_line
+
+BETWEEN = 18.0  # points
+
+
+def status_height() -> float:
+    """Of the line [points]."""
+    return imgui.get_frame_height()
+
+
+def status_line(controls, scene, handles, times, radiance, fly, takes, recorder) -> None:
+    """Draw it into the window that is being built."""
+    right = _facts(scene, handles, times, radiance)
+    width = imgui.calc_text_size(right).x
+    sign = recording_line(takes, recorder)
+    if sign:
+        imgui.text_colored(RECORDING_RED, sign)
+        imgui.same_line(0.0, BETWEEN)
+    left = imgui.get_cursor_pos_x()
+    room = imgui.get_window_width() - left - width - 2.0 * BETWEEN
+    imgui.text(_fitting(hint_of(controls, fly), room))
+    imgui.same_line(max(imgui.get_window_width() - width - BETWEEN, left))
+    imgui.text_disabled(right)
+
+
+def hint_of(controls, fly) -> str:
+    """What the mouse does now."""
+    if fly.on:
+        return fly.line
+    if controls.held_drag is not None:
+        return controls.held_drag.line
+    return controls.tool.hint
+
+
+def _facts(scene, handles, times, radiance):
+    fps = 1.0 / max(times.frame_seconds(), 1e-6)
+    facts = [state_line(scene), f"{radiance.refined:.0%}", f"{fps:.0f} fps"]
+    if handles.selected or handles.hover is not None or handles.grabbed is not None:
+        facts.insert(0, vertex_line(handles))
+    return "   ".join(facts)
+
+
+def _fitting(text, room):
+    """As much of a text as fits into so many points."""
+    if imgui.calc_text_size(text).x <= room:
+        return text
+    while text and imgui.calc_text_size(f"{text}…").x > room:
+        text = text[:-4]
+    return f"{text}…" if text else ""

@@ -1,0 +1,236 @@
+"""Where the panels lie: menus above, tools at the left, the task's panel, the status line below.
+
+While a model is loaded or a session plays, a window shows the progress.
+"""
+
+from imgui_bundle import imgui
+
+from ..camera import Covered
+from ..files import readable
+from ..loading import STAGES
+from ..parts import part
+from .boxes import box_overlay, brush_overlay
+from .dialogs import dialog_window
+from .film import film_window, progress_window
+from .filming import RECORDING_RED, recording_line
+from .gizmo import gizmo_overlay
+from .help import help_size, help_window
+from .inspector import inspector
+from .leaving import leaving_window
+from .menu import menu_bar
+from .offering import job_window
+from .recovery import recovery_window
+from .selection import gesture_overlay
+from .status import status_height, status_line
+from .timeline import STRIP_HEIGHT, timeline_strip
+from .tool_strip import strip_width, tool_strip
+from .training import training_lines, training_panel
+
+BAR_WIDTH = 360.0
+MARGIN = 10.0
+NARROW = 660.0  # points of the free part, where windows stand in the middle of all
+LEAST_VIEW = 260.0  # points that the panels leave to the view, if the window has them
+FIRST_LINE = "Drag the object to bend it"  # until that has been done once
+FLAGS = imgui.WindowFlags_
+FLOATING = (
+    FLAGS.no_decoration.value
+    | FLAGS.no_saved_settings.value
+    | FLAGS.always_auto_resize.value
+    | FLAGS.no_nav.value
+)
+FIXED = FLOATING & ~FLAGS.always_auto_resize.value | FLAGS.no_move.value
+OVERLAYS = box_overlay, gizmo_overlay, gesture_overlay, brush_overlay
+QUESTIONS = {
+    "leaving": leaving_window,
+    "recovery": recovery_window,
+    "dialog": dialog_window,
+    "film": film_window,
+}
+
+
+class Panels:
+    """All that lies over the view of one window."""
+
+    def __init__(self, app):
+        self._app, self._gui = app, app.gui
+
+    # -- where they lie ------------------------------------------------------------------
+
+    def covered(self) -> Covered:
+        """What menus and panels cover of the window."""
+        settings = self._app.scene.settings
+        bottom = STRIP_HEIGHT * settings.show_timeline
+        left = right = 0.0
+        if settings.show_panel:
+            bottom += status_height()
+            left, side = strip_width(), self._panel_width()
+            left, right = (left + side, 0.0) if settings.panel_side == "left" else (left, side)
+        return Covered(left, imgui.get_frame_height(), right, bottom)
+
+    def _panel_width(self):
+        width = imgui.get_io().display_size.x - strip_width() - LEAST_VIEW
+        return max(min(self._app.scene.settings.panel_width, width), 180.0)
+
+    def show(self, panel) -> None:
+        """Draw a panel into the window that is being built, with what it asks for."""
+        self._gui.guarded(panel, window=self._app)
+
+    def has(self, name: str) -> bool:
+        """Whether there is a part of that name in the window."""
+        return part(self._app, name) is not None
+
+    # -- a frame -------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw all of them."""
+        gui, settings = self._gui, self._app.scene.settings
+        for overlay in OVERLAYS:
+            self.show(overlay)
+        if imgui.begin_main_menu_bar():
+            self.show(menu_bar)
+            gui.claim()
+            imgui.end_main_menu_bar()
+        if settings.show_panel:
+            self._frame()
+        covered = self.covered()
+        if settings.show_timeline:
+            self._fixed("timeline", timeline_strip, self._strip_place(covered))
+        self._floating_windows(covered)
+        self._question(covered)
+
+    def _frame(self):
+        """Tools, the task's panel, the status line."""
+        size, settings = imgui.get_io().display_size, self._app.scene.settings
+        top, low = imgui.get_frame_height(), status_height()
+        height, side = size.y - top - low, self._panel_width()
+        above_strip = height - STRIP_HEIGHT * settings.show_timeline
+        at_left = settings.panel_side == "left"
+        self._fixed("tools", tool_strip, (0.0, top, strip_width(), height), padding=0.6)
+        place = strip_width() if at_left else size.x - side
+        self._fixed("task", inspector, (place, top, side, above_strip))
+        self._fixed("status", status_line, (0.0, size.y - low, size.x, low), padding=0.4)
+
+    def _strip_place(self, covered):
+        """Of the timeline: left, top, width and height."""
+        size = imgui.get_io().display_size
+        left = strip_width() * self._app.scene.settings.show_panel
+        return left, size.y - covered.bottom, size.x - left, STRIP_HEIGHT
+
+    def _fixed(self, name, panel, place, padding=1.0):
+        """A window at a place (left, top, width, height) that fills it."""
+        style = imgui.get_style()
+        x, y = style.window_padding
+        imgui.push_style_var(imgui.StyleVar_.window_rounding.value, 0.0)
+        imgui.push_style_var(imgui.StyleVar_.window_padding.value, (padding * x, padding * y))
+        imgui.push_style_var(imgui.StyleVar_.window_min_size.value, (1.0, 1.0))
+        imgui.set_next_window_pos(place[:2])
+        imgui.set_next_window_size((max(place[2], 1.0), max(place[3], 1.0)))
+        imgui.begin(name, flags=FIXED)
+        imgui.pop_style_var(3)
+        self.show(panel)
+        self._gui.claim()
+        imgui.end()
+
+    def _floating_windows(self, covered):
+        app, settings = self._app, self._app.scene.settings
+        if settings.show_help and not app.questions.name:
+            imgui.set_next_window_size(help_size())
+            self._floating("help", (0.5, 0.5), help_window, FIXED, covered)
+        if app.takes.job is not None:
+            self._floating("film's progress", (1.0, 1.0), progress_window, FLOATING, covered)
+        if app.train_job is not None:
+            self._floating("training's progress", (1.0, 0.0), job_window, FLOATING, covered)
+        if app.live is not None:
+            self.training_window()
+        sign = recording_line(app.takes, app.recorder)
+        if sign and not settings.show_panel:
+            _told("recording", (1.0, 0.0), covered)
+            imgui.text_colored(RECORDING_RED, sign)
+            imgui.end()
+        busy = settings.has_dragged or app.photographs or settings.show_help or app.questions.name
+        if settings.tool == "grab" and not busy:
+            _told("first minute", (0.5, 0.0), covered)
+            imgui.text(FIRST_LINE)
+            imgui.end()
+        if app.fly.on and not settings.show_panel:
+            _told("flying", (0.5, 0.0), covered)
+            imgui.text(app.fly.line)
+            imgui.end()
+        if app.recorder.message:
+            _told("message", (0.5, 1.0), covered)
+            imgui.text(app.recorder.message)
+            imgui.end()
+
+    def _floating(self, name, place, panel, flags, covered):
+        _set_place(place, covered)
+        imgui.begin(name, flags=flags)
+        self.show(panel)
+        self._gui.claim()
+        imgui.end()
+
+    def _question(self, covered):
+        """The window in the middle that asks something: one after another."""
+        name = self._app.questions.name
+        if name:
+            _set_place((0.5, 0.5), covered)
+        with self._gui.dialog(name, FLOATING) as shown:
+            if shown:
+                self.show(QUESTIONS[name])
+
+    # -- alone on a plain ground ---------------------------------------------------------
+
+    def playing_window(self, tick: int, patience) -> None:
+        """How far a session has been played, and whether to go on if that takes long."""
+        ticks = max(patience.total, 1)
+        _told("loading", (0.5, 0.5), Covered())
+        imgui.text(f"playing the session, {tick // 60} of {ticks // 60} s")
+        imgui.progress_bar(tick / ticks, (BAR_WIDTH, 0.0), patience.line(tick))
+        asks = patience.asks(tick)
+        imgui.text("This takes long. Enter: go on; Esc: stop" if asks else "Esc: stop")
+        imgui.end()
+
+    def training_window(self) -> None:
+        """How a training run goes, beside the panel; a line if the panels are hidden."""
+        app = self._app
+        covered = Covered() if app.scene is None else self.covered()
+        if app.scene is not None and not app.scene.settings.show_panel:
+            _told("training", (0.5, 0.0), covered)
+            imgui.text(training_lines(app.live)[0])
+            imgui.end()
+            return
+        self._floating("training panel", (0.0, 0.0), training_panel, FLOATING, covered)
+
+    def loading_window(self, title: str, progress) -> None:
+        """The stages of a loading.Progress, with a bar."""
+        _told("loading", (0.5, 0.5), Covered())
+        imgui.text(readable(title))
+        done = list(progress.seconds)  # another thread adds to it
+        for stage, seconds in zip(STAGES, done, strict=False):
+            imgui.text_disabled(f"{stage}, {seconds:.1f} s")
+        imgui.text(f"{progress.stage}, {progress.stage_seconds:.0f} s")
+        for stage in STAGES[len(done) + 1 :]:
+            imgui.text_disabled(stage)
+        imgui.progress_bar(progress.fraction, (BAR_WIDTH, 0.0), f"{progress.fraction:.0%}")
+        if progress.compiled:
+            imgui.text_disabled("kernels are compiled on the first start only")
+        imgui.end()
+
+
+def _set_place(place, covered):
+    """Put the next window into the free part: its middle at (0.5, 0.5), at the bottom (0.5, 1)."""
+    size, inwards = imgui.get_io().display_size, {0.0: MARGIN, 0.5: 0.0, 1.0: -MARGIN}
+    if place == (0.5, 0.5):
+        wide = size.x - covered.left - covered.right >= NARROW
+        covered = Covered(covered.left, 0.0, covered.right, 0.0) if wide else Covered()
+    x = covered.left + place[0] * (size.x - covered.left - covered.right) + inwards[place[0]]
+    y = covered.top + place[1] * (size.y - covered.top - covered.bottom) + inwards[place[1]]
+    imgui.set_next_window_pos((x, y), pivot=place)
+
+
+def _told(name, place, covered):
+    """Begin a window that only tells something: the mouse and keys pass it."""
+    _set_place(place, covered)
+    flags = FLOATING | FLAGS.no_inputs.value | FLAGS.no_focus_on_appearing.value
+    imgui.begin(name, flags=flags)
+    # Also where a click has brought the window that has the keys to the front.
+    imgui.internal.bring_window_to_display_front(imgui.internal.get_current_window())

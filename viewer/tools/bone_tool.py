@@ -1,0 +1,321 @@
+"""Bones under the mouse: joints are placed and moved, bones turned, and reached with.
+
+Pixels are the image's, x to the right, y down.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...wings.rig import BonePose, reach, turned
+from ..camera import project, ray
+from ..document import HEAD, TAIL, Joint, Matter
+from .constraints import MOVE, SCALE, TURN, Constraint
+from .drags import BEHIND, is_ahead, miss_of
+from .gizmo import Gizmo
+from .tool import DragTool
+
+PICK = 9.0  # points from a joint's middle, or from a bone's line, where the mouse has it
+AWAY = 1e-3  # object sizes: joints are placed on an object that is no farther from rest
+
+
+@dataclass
+class BoneDrag:
+    """A drag of a joint or a bone."""
+
+    joint: Joint  # as it was when the button went down
+    press: np.ndarray  # where that was, or where the present kind began [pixels]  [2]
+    miss: np.ndarray  # from the joint to the press [pixels]  [2]
+    moves_joint: bool  # of the skeleton, instead of posing; a key may change the tool meanwhile
+    start: BonePose | None = None  # of the bones, when the present kind began; None: a click so far
+    kind: str = MOVE  # a bone reaches; or TURN
+    held: Constraint = field(default_factory=Constraint)
+    angle: float = 0.0  # so far [radians]
+    amount: float | None = None  # so far: object sizes or degrees
+
+    @property
+    def line(self) -> str:
+        """What it does, in words."""
+        return self.held.words(self.kind, self.amount)
+
+
+class BoneTool(DragTool):
+    """The tools "joints" and "bones".
+
+    Attributes:
+        drag: What the button does.
+        place: Where a joint that is dragged would go, or None.  [3]
+    """
+
+    drag = place = None
+    on_joints = False  # places joints, instead of posing bones
+
+    # -- what is under the mouse ---------------------------------------------------------
+
+    def joint_at(self, pixel) -> Joint | None:
+        """The joint under a pixel; else the bone, by its tail."""
+        scene, camera, ratio = self.scene, self.view.camera, self.view.ratio
+        joints = scene.rigging.joints
+        if not joints or not scene.settings.show_bones:
+            return None
+        pixels, t = project(camera, np.array([joint.place for joint in joints]))
+        away = np.nan_to_num(np.linalg.norm(pixels - pixel, axis=1), nan=np.inf)
+        near = np.flatnonzero(away <= PICK * ratio)
+        if len(near):
+            return joints[near[np.lexsort((t[near], np.round(away[near] / ratio)))[0]]]
+        if self.on_joints:
+            return None
+        return self._pick_bone(camera, pixel, ratio)
+
+    def _pick_bone(self, camera, pixel, ratio):
+        ends = self.scene.posing.ends
+        heads, _ = project(camera, ends[:, 0])
+        tails, _ = project(camera, ends[:, 1])
+        along = tails - heads
+        length = np.maximum((along**2).sum(axis=1), 1e-12)
+        share = np.clip(((pixel - heads) * along).sum(axis=1) / length, 0.0, 1.0)
+        away = np.linalg.norm(heads + share[:, None] * along - pixel, axis=1)
+        away = np.nan_to_num(away, nan=np.inf)
+        if not len(away) or away.min() > PICK * ratio:
+            return None
+        bone = int(away.argmin())
+        return Joint(bone, "body", ends[bone, 1])
+
+    # -- a gesture -----------------------------------------------------------------------
+
+    def press(self, pixel, modifiers) -> bool:
+        joint = self.joint_at(pixel)
+        if joint is None:
+            return False
+        self._begin(pixel, joint, TURN if joint.end == "body" else MOVE)
+        self.scene.rigging.selected = joint.bone, TAIL if joint.end == "body" else joint.end
+        return True
+
+    def take(self, kind) -> bool:
+        return self._take(self.view.pointer, kind)
+
+    def take_part(self, kind) -> bool:
+        return self._take(self.view.press_at, kind)
+
+    def _take(self, pixel, kind):
+        """Take what is chosen, which the mouse has at a pixel [2]; whether that can be."""
+        joint, on_joints = self._chosen, self.on_joints
+        what = "joint" if on_joints else "bone"
+        if joint is None or (joint.bone < 0 and not on_joints):
+            self.told.say(f"nothing to {kind}: choose a {what} by a click")
+            return False
+        if kind == SCALE or (kind == TURN and on_joints):
+            self.told.say(f"{kind}: not with a {what}")
+            return False
+        if not on_joints and not (kind == MOVE and self._is_root(joint)):
+            joint = Joint(joint.bone, TAIL, self.scene.posing.ends[joint.bone, 1])
+        if not is_ahead(self.view.camera, joint.place):
+            self.told.say(BEHIND)
+            return False
+        self._begin(pixel, joint, kind)
+        return True
+
+    def _begin(self, pixel, joint, kind):
+        miss, self.mode = miss_of(self.view.camera, pixel, joint.place), "bone"
+        self.drag = BoneDrag(joint, pixel, miss, self.on_joints, kind=kind)
+        if joint.bone >= 0:
+            self.drag.held.own = self.scene.posing.axes(joint.bone)
+
+    @property
+    def waits(self) -> bool:
+        return self.drag is not None and self.drag.start is None and self.place is None
+
+    def move(self, before, pixel) -> bool:
+        if self.drag is not None:
+            self.follow(pixel)
+        return True
+
+    def follow(self, pixel) -> None:
+        scene, drag = self.scene, self.drag
+        if drag.moves_joint:
+            now = drag.joint.place if self.place is None else self.place
+            self.place = self._led(pixel, now)
+            return
+        if drag.joint.bone < 0:
+            return
+        if drag.start is None:
+            if drag.joint.end == HEAD and not self._is_root(drag.joint):
+                self.told.say("this head stays where it is: drag a bone, or a tip")
+                self.drag = None
+                return
+            scene.posing.hold_bone(drag.joint.bone)
+            drag.start = scene.posing.current
+            self.told.log("hold_bone", bone=drag.joint.bone, kind=drag.kind)
+        if not scene.posing.drives:  # a reset lets go while the button is still down
+            return
+        skeleton, bone = scene.rigging.skeleton, drag.joint.bone
+        if drag.kind == TURN:
+            scene.posing.aim(turned(skeleton, drag.start, bone, self._turn(pixel)))
+            return
+        aim = self._led(pixel, drag.joint.place)
+        if drag.joint.end == HEAD:  # all that hangs on the root goes along
+            translations = drag.start.translations.copy()
+            translations[bone] = aim
+            scene.posing.aim(replace(drag.start, translations=translations))
+        else:
+            scene.posing.aim(reach(skeleton, drag.start, bone, aim))
+
+    def _led(self, pixel, now):
+        """Where what is dragged goes.  `now`: where it is.  Both [3]"""
+        drag, size = self.drag, self.scene.size
+        start = drag.joint.place
+        place = drag.held.place(self.view.camera, pixel - drag.miss, start, now, size)
+        if not np.isfinite(place).all():
+            return now
+        drag.amount = drag.held.length(place - start, size)
+        return place
+
+    def _turn(self, pixel):
+        """By which the bone is turned about its head, axis times angle.  [3]"""
+        drag, head = self.drag, self.scene.posing.ends[self.drag.joint.bone, 0]
+        camera, ratio = self.view.camera, self.view.ratio
+        drag.angle = drag.held.angle(camera, head, drag.press, pixel, ratio, drag.angle)
+        drag.amount = math.degrees(drag.angle)
+        return drag.angle * drag.held.turn_axis(camera)
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        self.finish()
+
+    def finish(self) -> None:
+        """A joint stays where it was dragged to."""
+        rigging, drag = self.scene.rigging, self.drag
+        if self.place is not None:
+            rigging.move_joint(drag.joint.bone, drag.joint.end, self.place)
+            self.told.log("move_joint", bone=drag.joint.bone, end=drag.joint.end, to=self.place)
+        elif drag is not None and drag.start is not None:
+            self.scene.posing.follow()
+            self.told.log("pose", bone=drag.joint.bone)
+        elif drag is not None:
+            self.told.log("select_joint", bone=drag.joint.bone, end=drag.joint.end)
+
+    def end(self) -> None:
+        self.mode, self.drag, self.place = "", None, None
+
+    def cancel(self) -> None:
+        drag, scene = self.drag, self.scene
+        began = drag is not None and drag.start is not None
+        if began and scene.journal.undoes == "pose a bone":
+            scene.undo()
+
+    # -- by keys and by the gizmo --------------------------------------------------------
+
+    @property
+    def gizmo(self):
+        """A joint moves; a bone turns about its head, or its tip moves, or a root does."""
+        settings, posing, joint = self.scene.settings, self.scene.posing, self._chosen
+        if joint is None or not settings.show_bones or settings.gizmo == "off":
+            return None
+        is_own = settings.own_axes and joint.bone >= 0
+        axes = posing.axes(joint.bone) if is_own else np.eye(3)
+        if self.on_joints:
+            return Gizmo(MOVE, joint.place, axes)
+        if joint.bone < 0:
+            return None
+        head, tail = posing.ends[joint.bone]
+        if settings.gizmo == MOVE:
+            return Gizmo(MOVE, head if self._is_root(joint) else tail, axes)
+        return Gizmo(TURN, head, axes)
+
+    def has_before_gizmo(self, pixel) -> bool:
+        joint = self.joint_at(pixel)
+        return joint is not None and joint.end != "body"
+
+    @property
+    def _chosen(self):
+        """The joint that is chosen, or None."""
+        rigging = self.scene.rigging
+        return next((one for one in rigging.joints if one.name == rigging.selected), None)
+
+    def _is_root(self, joint):
+        """Whether a joint is the head of a bone that hangs on none: it can be moved in a pose."""
+        parents = self.scene.rigging.skeleton.parents
+        return joint.bone >= 0 and joint.end == HEAD and parents[joint.bone] < 0
+
+    @property
+    def held_drag(self):
+        return self.drag
+
+    @property
+    def drag_place(self):
+        drag = self.drag
+        if self.place is not None or drag.joint.bone < 0:
+            return drag.joint.place
+        moves_tail = drag.kind == MOVE and drag.joint.end == TAIL
+        return self.scene.posing.ends[drag.joint.bone, int(moves_tail)]
+
+    def turn_into(self, kind) -> None:
+        """Let the drag in progress turn the bone, or reach with its tip."""
+        drag, scene, pixel = self.drag, self.scene, self.view.pointer
+        if kind == SCALE or drag.joint.bone < 0 or drag.moves_joint:
+            self.told.say(f"{kind}: not with a bone or a joint")
+            return
+        if drag.joint.end != TAIL:
+            self.told.say("a bone's body turns it")
+            return
+        if drag.start is not None:
+            scene.posing.follow()
+            drag.start = scene.posing.current
+        drag.joint = Joint(drag.joint.bone, TAIL, scene.posing.ends[drag.joint.bone, 1])
+        drag.press = np.array(pixel, float)
+        drag.miss = miss_of(self.view.camera, pixel, drag.joint.place)
+        drag.kind = MOVE if drag.kind == kind == TURN else kind
+        drag.angle, drag.amount = 0.0, None
+        drag.held.text, drag.held.tangent = "", None
+
+    def delete(self) -> bool:
+        """Delete the chosen joint; whether there was one."""
+        rigging = self.scene.rigging
+        if rigging.selected not in [joint.name for joint in rigging.joints]:
+            return False
+        rigging.delete_joint(*rigging.selected)
+        rigging.selected = None
+        return True
+
+
+class PoseTool(BoneTool):
+    """Turns bones, reaches with their tips, and moves roots."""
+
+    name, title, icon = "bones", "Pose bones", "person_running"
+    hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
+
+
+class JointTool(BoneTool):
+    """Places and moves joints."""
+
+    on_joints = True
+    _matter = None  # what was deleted, and the Matter that is left, once it is needed
+
+    name, title, icon = "joints", "Place joints", "bone"
+    hint = "Click on the object: a joint, joined to the chosen one.  Drag: move.  Esc: back to Bend"
+
+    def click(self, pixel) -> None:
+        """Place a joint in the middle of the matter under the mouse."""
+        scene = self.scene
+        moved = abs(scene.positions - scene.field.mesh.rest_vertices).max()
+        if moved > AWAY * scene.size:
+            scene.reset()
+            self.told.say("joints are placed on the object at rest, where it is now: click again")
+            return
+        surface = self.view.surface_at(pixel, beside=False)
+        if surface is None:
+            scene.rigging.selected = None
+            return
+        if self._matter is None or self._matter[0] is not scene.cuts.removed:
+            self._matter = scene.cuts.removed, Matter(scene.cuts.field)
+        start, way = ray(self.view.camera, pixel)
+        found = self._matter[1].middle(start, way, float((surface - start) @ way))
+        if found is None:
+            self.told.say("there is nothing solid under the mouse")
+            return
+        try:
+            scene.rigging.add_joint(found[0])
+        except ValueError as error:  # there are too many
+            self.told.say(str(error))
+            return
+        self.told.log("joint", place=found[0], bones=scene.rigging.bone_count)

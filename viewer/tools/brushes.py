@@ -1,0 +1,121 @@
+"""Tools that act on what the mouse passes: they push it, make it stiffer or softer, or delete."""
+
+from ..camera import onto_view_plane, project, ray
+from .deleting import BRUSH, Seen, Stroke, said, widen_brush
+from .keys import SHIFT
+from .tool import Tool
+
+PAUSED_BALL = "paused: the ball pushes when time goes on (Space), or by a step (.)"
+
+
+class Push(Tool):
+    """A ball on the surface under the mouse pushes the object."""
+
+    name, title, icon = "push", "Push with a ball", "bowling_ball"
+    hint = "Drag: a ball pushes the object.  Esc: back to Bend"
+
+    _miss = None  # from the center of the ball to the press  [2]
+
+    def press(self, pixel, modifiers) -> bool:
+        scene, point = self.scene, self.view.surface_at(pixel)
+        if scene.timeline.stands:  # at a pose of the timeline: a hand lets time go on
+            scene.paused = False
+        if scene.paused:
+            self.told.say(PAUSED_BALL)
+        scene.push(point, -ray(self.view.camera, pixel)[1])
+        (center,), _ = project(self.view.camera, scene.ball.target[None])
+        self._miss, self.mode = pixel - center, "push"
+        self.told.log("push", position=scene.ball.target)
+        return True
+
+    def move(self, before, pixel) -> bool:
+        ball = self.scene.ball
+        if ball is not None:
+            place = onto_view_plane(self.view.camera, pixel - self._miss, ball.target)
+            self.scene.push_to(place)
+        return True
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        self.scene.end_push()
+        self.told.log("end_push")
+
+    def cancel(self) -> None:
+        self.scene.end_push()
+
+
+class Paint(Tool):
+    """Changes the stiffness of what the mouse passes, within the grab radius."""
+
+    can_cancel = False
+    factor = 1.2  # at each event of the mouse
+
+    def press(self, pixel, modifiers) -> bool:
+        self.mode = "paint"
+        return self.move(pixel, pixel)
+
+    def move(self, before, pixel) -> bool:
+        point = self.view.surface_at(pixel, beside=False)
+        if point is not None:
+            self.scene.paint(point, self.factor)
+        return True
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        self.told.log("paint", factors=self.scene.body.factors is not None)
+
+
+class Stiffen(Paint):
+    """Makes it stiffer."""
+
+    name, title, icon = "stiffen", "Stiffen", "gem"
+    hint = "Drag over the object: it gets stiffer there.  Esc: back to Bend"
+
+
+class Soften(Paint):
+    """Makes it softer."""
+
+    name, title, icon, factor = "soften", "Soften", "feather", 1.0 / 1.2
+    hint = "Drag over the object: it gets softer there.  Esc: back to Bend"
+
+
+class DeleteBrush(Tool):
+    """Deletes what is under the brush, one layer a stroke; beside the object the drag orbits."""
+
+    name, title, icon = BRUSH, "Delete with a brush", "eraser"
+    hint = (
+        "Drag over what is to go, a layer a stroke.  Shift: all through.  Wheel: size.  Esc: back"
+    )
+
+    _stroke: Stroke | None = None
+
+    @property
+    def radius(self) -> float:
+        """Of the brush [pixels]."""
+        return self.scene.settings.brush_radius * self.view.ratio
+
+    def press(self, pixel, modifiers) -> bool:
+        through, view = bool(modifiers & SHIFT), self.view
+        seen = Seen(self.scene.cuts.field, self.scene.positions, view.camera, view.depth_image())
+        stroke = Stroke(self.scene.cuts, seen, through)
+        if not stroke.touches(pixel, self.radius):
+            return False
+        self._stroke, self.mode = stroke, "delete"
+        return self.move(pixel, pixel)
+
+    def move(self, before, pixel) -> bool:
+        self._stroke.move(before, pixel, self.radius)
+        return True
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        cuts = self.scene.cuts
+        self.told.say(said(cuts, cuts.keep_preview))
+        self.told.log("delete", left=int(cuts.kept.sum()))
+
+    def wheel(self, notches) -> bool:
+        widen_brush(self.scene.settings, notches)
+        return True
+
+    def cancel(self) -> None:
+        self.scene.cuts.show_preview(None)
+
+    def end(self) -> None:
+        self.mode, self._stroke = "", None

@@ -1,0 +1,116 @@
+"""Tools that delete: which sub-tets are under the brush, in a box or in a lasso.
+
+A stroke of the brush goes by the view in which it began: it takes what was in front then, down
+to a depth below the surface, so that each stroke takes one layer.  Pixels are the image's, x to
+the right, y down.
+
+Shapes: N sub-tets that are left.
+"""
+
+import numpy as np
+
+from ...core.field import subtet_corners, unpack_mask
+from ..camera import depth_at, project, within
+from ..document import masks_of
+from ..settings import DELETING
+
+BRUSH = DELETING[0]
+BRUSH_RADII = 4.0, 300.0  # points
+WIDER_PER_NOTCH = 1.15
+LAYER = 0.5  # edges of a tet, that a stroke takes below the surface
+
+
+class Seen:
+    """The occupied sub-tets of a field, as a camera sees them."""
+
+    def __init__(self, field, positions, camera, depth_image):
+        """Take where its vertices are [V, 3], and the depths of the picture or None."""
+        self._count = field.mesh.tet_count
+        self.tets, self.subtets = np.nonzero(unpack_mask(field.occupancy))
+        corners = positions[field.mesh.tets]
+        middles = np.einsum(
+            "nk,nkx->nx", subtet_corners().mean(axis=1)[self.subtets], corners[self.tets]
+        )
+        self.pixels, self._away = project(camera, middles)
+        edge = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
+        surface = np.full(len(middles), np.inf)
+        if depth_image is not None:
+            surface = depth_at(depth_image, camera, np.nan_to_num(self.pixels, nan=-1.0))
+        self.in_front = self._away <= surface + LAYER * edge
+        self.in_front &= self._away > 0.0
+
+    def near(self, start, end, radius: float):
+        """Which are within a radius [pixels] of the way from one pixel to another.  ids"""
+        start, end = np.asarray(start, float), np.asarray(end, float)
+        low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
+        (x, y), way = self.pixels.T, end - start
+        ids = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
+        offsets = self.pixels[ids] - start
+        along = np.clip(offsets @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
+        missed = offsets - along[:, None] * way
+        return ids[(missed**2).sum(axis=1) <= radius**2]
+
+    def inside(self, outline):
+        """Which are inside a closed outline of pixels [K, 2], in the view.  [N] bool"""
+        return within(np.nan_to_num(self.pixels, nan=-1e9), outline) & (self._away > 0.0)
+
+    def masks(self, chosen):
+        """These, ids or [N] bool, as masks.  [T] uint64"""
+        return masks_of(self.tets[chosen], self.subtets[chosen], self._count)
+
+
+class Stroke:
+    """A stroke of the brush, which shows at once what it takes."""
+
+    def __init__(self, cuts, seen: Seen, through: bool):
+        """`through` takes all that is behind, too."""
+        self._cuts, self._seen, self._through = cuts, seen, through
+        self._taken = np.zeros(len(seen.tets), bool)
+        self._masks = np.uint64(0)  # of these
+
+    def touches(self, pixel, radius: float) -> bool:
+        """Whether anything is under the brush."""
+        return len(self._seen.near(pixel, pixel, radius)) > 0
+
+    def move(self, start, end, radius: float) -> None:
+        """Take what is under the brush on its way."""
+        under = self._seen.near(start, end, radius)
+        under = under[~self._taken[under] & (self._through | self._seen.in_front[under])]
+        if len(under):
+            self._taken[under] = True
+            self._masks = self._masks | self._seen.masks(under)
+            self._cuts.show_preview(self._masks)
+
+
+def widen_brush(settings, notches: float) -> None:
+    """Make the brush larger, or smaller if there are fewer than 0 notches of the wheel."""
+    radius = settings.brush_radius * WIDER_PER_NOTCH**notches
+    settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
+
+
+def outline_of(mode: str, region):
+    """The pixels around a region that was drawn: a box's two corners, or a lasso.  [K, 2]"""
+    if mode != "box":
+        return region
+    (x0, y0), (x1, y1) = region
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+def said(cuts, delete) -> str:
+    """Call a function that deletes, and say what came of it."""
+    pins = cuts.state()["pins"]
+    try:
+        if not delete():
+            return "nothing to delete there"
+    except ValueError as error:  # nothing would be left
+        return str(error)
+    line = f"{int(cuts.kept.sum()):,} of {len(cuts.kept):,} tets are left"
+    if cuts.state()["pins"] is not pins:
+        line += "; its pins were deleted: now its lowest part is pinned"
+    return line
+
+
+def found_box(field):
+    """The box that training found around a field's object, at rest; None without one.  [2, 3]"""
+    box = field.meta.get("object_box")
+    return None if box is None else np.array(box, float)

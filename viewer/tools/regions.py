@@ -1,0 +1,85 @@
+"""Tools that draw a box or a lasso: what is in it is selected, or deleted."""
+
+from ..camera import project, within
+from .deleting import Seen, outline_of, said
+from .keys import CTRL, SHIFT
+from .tool import Tool
+
+HOW = {0: "replace", SHIFT: "add", CTRL: "remove", SHIFT | CTRL: "intersect"}
+
+
+class Region(Tool):
+    """A tool that draws; `region` has the pixels of the box's corners, or of the lasso."""
+
+    shape = "box"
+    region = ()
+
+    def press(self, pixel, modifiers) -> bool:
+        self.mode, self.region = self.shape, [pixel, pixel]
+        return True
+
+    def move(self, before, pixel) -> bool:
+        if self.shape == "box":
+            self.region = [self.region[0], pixel]
+        else:
+            self.region.append(pixel)
+        return True
+
+    def end(self) -> None:
+        self.mode, self.region = "", []
+
+    @property
+    def outline(self):
+        """The pixels around it.  [K, 2]"""
+        return outline_of(self.shape, self.region)
+
+
+class SelectRegion(Region):
+    """Selects the red points in sight that are inside; then bends again."""
+
+    hint = "Draw around red points.  Shift adds, Ctrl removes, both intersect.  Esc: back to Bend"
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        handles, ids = self.scene.handles, self.scene.handles.control_ids
+        pixels, _ = project(self.view.camera, handles.at(ids))
+        inside = self.shown(ids) & within(pixels, self.outline)
+        handles.select(ids[inside], HOW[modifiers & (SHIFT | CTRL)])
+        self.scene.settings.tool = "grab"
+        self.told.log("select", vertices=handles.selected)
+
+
+class SelectBox(SelectRegion):
+    """In a box."""
+
+    name, title, icon = "box", "Select in a box", "vector_square"
+
+
+class SelectLasso(SelectRegion):
+    """In a lasso."""
+
+    name, title, icon, shape = "lasso", "Select in a lasso", "draw_polygon", "lasso"
+
+
+class DeleteRegion(Region):
+    """Deletes what is inside, all through; with Ctrl what is outside."""
+
+    hint = "Draw around what is to go, all through.  Ctrl: around what stays.  Esc: back to Bend"
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        cuts, others = self.scene.cuts, bool(modifiers & CTRL)
+        seen = Seen(cuts.field, self.scene.positions, self.view.camera, None)
+        chosen = seen.inside(self.outline)
+        self.told.say(said(cuts, lambda: cuts.delete(seen.masks(chosen != others))))
+        self.told.log("delete", left=int(cuts.kept.sum()))
+
+
+class DeleteBox(DeleteRegion):
+    """In a box."""
+
+    name, title, icon = "delete box", "Delete in a box", "crop_simple"
+
+
+class DeleteLasso(DeleteRegion):
+    """In a lasso."""
+
+    name, title, icon, shape = "delete lasso", "Delete in a lasso", "scissors", "lasso"

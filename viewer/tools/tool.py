@@ -1,0 +1,144 @@
+"""What a tool is: what the left button does in the view, from one event of the mouse to the next.
+
+Controls hands each event to the tool in the hand.  Where a tool takes no hold of anything, the
+drag is the camera's.  Pixels are the image's.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..camera import pick_sphere, visible
+
+PICK_SLACK = 5.0  # points around a sphere that still count as on it
+
+
+@dataclass
+class Told:
+    """Where tools tell what they do."""
+
+    log: Callable  # the event log
+    say: Callable  # shows a message to the user
+
+
+class Tool:
+    """One tool.
+
+    Attributes:
+        name: One of TOOLS, the value of Settings.tool.
+        title, icon: Of its button: a word, and the name of a glyph.
+        hint: What it does, for the status line.
+        cross: Whether the mouse is shown as a cross.
+        waits: Whether it waits until the mouse has moved farther than in a click.
+        mode: What it does now; empty if it doesn't hold the mouse.
+    """
+
+    name = title = icon = hint = mode = ""
+    cross, waits, can_cancel = True, False, True
+    gizmo = held_drag = None
+
+    def __init__(self, view, told: Told, scene):
+        """Take the Viewport, and the object that the tool acts on."""
+        self.view, self.told, self.scene = view, told, scene
+
+    # -- what is under the mouse ---------------------------------------------------------
+
+    def pick(self, pixel, ids=None) -> int | None:
+        """The handle whose sphere shows there, of these (default: those that can be dragged)."""
+        scene, view = self.scene, self.view
+        if not scene.settings.show_handles:
+            return None
+        ids = scene.handles.control_ids if ids is None else ids
+        surface = view.depth_image(), scene.handle_bias
+        places, slack = scene.handles.at(ids), PICK_SLACK * view.ratio
+        found = pick_sphere(view.camera, pixel, places, scene.handle_radius, slack, *surface)
+        return None if found is None else int(ids[found])
+
+    def shown(self, ids):
+        """Whether each of these vertices has a sphere in sight.  [len(ids)] bool"""
+        scene, view = self.scene, self.view
+        if not scene.settings.show_handles:
+            return np.zeros(len(ids), bool)
+        return visible(view.camera, scene.handles.at(ids), view.depth_image(), scene.handle_bias)
+
+    # -- the mouse -----------------------------------------------------------------------
+
+    def hover(self, pixel) -> None:
+        """The mouse moves, and no button is down."""
+
+    def leave(self) -> None:
+        """The mouse is over something else, or another tool is in the hand."""
+
+    def press(self, pixel, modifiers: int) -> bool:
+        """The button goes down; whether the tool takes the mouse."""
+        return False
+
+    def move(self, before, pixel) -> bool:
+        """The mouse moves while the button is down; False leaves the drag to the camera."""
+        return True
+
+    def release(self, pixel, clicked: bool, modifiers: int) -> None:
+        """The button goes up."""
+
+    def click(self, pixel) -> None:
+        """A click where the tool took no hold of anything."""
+
+    def wheel(self, notches: float) -> bool:
+        """The wheel turns; whether that is the tool's."""
+        return False
+
+    def cancel(self) -> None:
+        """Give up what the button does: all is as it was before the press."""
+
+    def end(self) -> None:
+        """It no longer holds the mouse."""
+        self.mode = ""
+
+
+class DragTool(Tool):
+    """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo."""
+
+    @property
+    def waits(self) -> bool:
+        """So far, it may be a click."""
+        raise NotImplementedError
+
+    @property
+    def gizmo(self):
+        """The Gizmo of what is chosen; None without one."""
+        raise NotImplementedError
+
+    def has_before_gizmo(self, pixel) -> bool:
+        """Whether something is there that comes before the gizmo: a red point, or a joint."""
+        raise NotImplementedError
+
+    @property
+    def held_drag(self):
+        """The Drag or BoneDrag in progress, or None."""
+        return None
+
+    @property
+    def drag_place(self):
+        """Where what is dragged is: the point that the axes of the drag go through.  [3]"""
+        raise NotImplementedError
+
+    def take(self, kind: str) -> bool:
+        """Take what is chosen, else what is under the mouse, without a button; whether it can."""
+        raise NotImplementedError
+
+    def take_part(self, kind: str) -> bool:
+        """Take what is chosen where the button went down on the gizmo; whether it can."""
+        raise NotImplementedError
+
+    def turn_into(self, kind: str) -> None:
+        """Let the drag in progress move, turn or scale what is held."""
+        raise NotImplementedError
+
+    def follow(self, pixel) -> None:
+        """Send what is dragged to where the mouse is, or where a number says."""
+        raise NotImplementedError
+
+    def finish(self) -> None:
+        """End the drag in progress: what was dragged is let go where it is."""
+        raise NotImplementedError

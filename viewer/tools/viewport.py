@@ -1,0 +1,46 @@
+"""The picture in the window, as tools see it: its camera, its pixels, and what lies under them.
+
+Positions in the window are points, y up.  Pixels are the image's: x to the right, y down.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..camera import Covered, camera_of, in_free_part
+from .under_mouse import surface_at
+
+CLICK_SLACK = 3.0  # points that the mouse may move during a click
+
+
+class Viewport:
+    """Where the picture is seen, and the mouse on it."""
+
+    def __init__(self, viewpoint, depth_image: Callable):
+        """Take what has the `orbit`, and a function that returns the depths or None."""
+        self.size = (1, 1)  # of the image
+        self.ratio = 1.0  # image pixels per point of the panels, which the user can make larger
+        self.per_point = 1.0  # image pixels per point of the window
+        self.covered = self.panels = Covered()  # of the window: in all, and by panels
+        self.pointer = np.zeros(2)  # where the mouse is
+        self.press_at = np.zeros(2)  # where the button went down
+        self.depth_image = depth_image
+        self.viewpoint = viewpoint
+
+    @property
+    def camera(self):
+        orbit = self.viewpoint.orbit
+        return in_free_part(camera_of(orbit, *self.size), self.covered, self.ratio)
+
+    def pixel(self, x, y):
+        """From a position in the window to the middle of the image's pixel.  [2]"""
+        return np.array([(x + 0.5) * self.per_point, self.size[1] - (y + 0.5) * self.per_point])
+
+    def clicks(self, pixel) -> bool:
+        """Whether a pixel is so near to the press that the mouse clicks, and doesn't drag."""
+        return bool(np.linalg.norm(pixel - self.press_at) <= CLICK_SLACK * self.ratio)
+
+    def surface_at(self, pixel, beside=True):
+        """The object's point under a pixel; beside it, one as far away as its target, or None."""
+        target = self.viewpoint.orbit.target if beside else None
+        return surface_at(self.camera, self.depth_image(), pixel, target)
