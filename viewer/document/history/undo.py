@@ -1,7 +1,7 @@
 """The state of a scene that edits change: kept before each edit, restored by undo and redo."""
 
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,12 +14,6 @@ class Restorable(Protocol):
 
     def state(self) -> dict: ...
     def restore(self, state: dict) -> None: ...
-
-
-class Preferred(Protocol):
-    """Settings, of which one is a preference."""
-
-    hand: str
 
 
 class Undoable(Protocol):
@@ -36,8 +30,8 @@ class Undoable(Protocol):
     pinned: np.ndarray  # [V] bool
     pins: np.ndarray  # of a held object  [V] bool
     floor: float
-    orbit: object
-    settings: Preferred
+    orbit: Any
+    settings: Any
     paused: bool
     revision: int
     first_state: dict
