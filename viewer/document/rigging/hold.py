@@ -55,10 +55,6 @@ class Hold:
         else:
             self._send()
 
-    def again(self) -> None:
-        """Hold the same again: the solver's positions were set, and its targets with them."""
-        self._give()
-
     def release_bones(self) -> None:
         """Bones let go."""
         if len(self.bones):

@@ -35,12 +35,6 @@ class PlacedHandles(Protocol):
     def forget_deleted(self) -> None: ...
 
 
-class Stoppable(Protocol):
-    """A timeline, which may play."""
-
-    def stop(self) -> None: ...
-
-
 class Cuttable(Solved, Protocol):
     """The object of which parts can be deleted."""
 
@@ -50,7 +44,6 @@ class Cuttable(Solved, Protocol):
     held: bool
     body: Body
     handles: PlacedHandles
-    timeline: Stoppable
 
     def let_loose(self) -> None: ...
 
@@ -191,8 +184,7 @@ class Cuts:
         if not (self._whole.field.occupancy & ~removed).any():
             raise ValueError("nothing of the object would be left: undo, or delete less")
         whole = self._whole
-        whole.let_loose()
-        whole.timeline.stop()  # it holds vertices of the solver before, and would set other pins
+        whole.let_loose()  # keys hold vertices of the solver before, and would set other pins
         was_held = whole.held
         self._take(removed)
         if not (whole.pins & self.vertices).any():

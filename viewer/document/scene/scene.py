@@ -333,9 +333,10 @@ class Scene:
         self.end_push()
 
     def let_loose(self) -> None:
-        """Neither hand nor ball nor bones hold the object any more."""
+        """Neither hand nor ball nor bones nor keys move the object any more."""
         self.hands_off()
         self.posing.end()
+        self.timeline.stop()
 
     def make_way(self, soft: bool) -> None:
         """Let bones move the object: all of it while time stands still, or some if it is soft."""

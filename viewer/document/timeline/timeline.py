@@ -287,7 +287,8 @@ class Timeline:
         if ends or not self.end:
             self._end()
             return False
-        driven = self.keys["pose"] and self.motion == "physics" and self._moves_vertices
+        by_physics = self.keys["pose"] and self.motion == "physics"
+        driven = by_physics and self.bones_at(self.head) is None  # not the way of bones
         if self._waits:
             return False
         with self.journal.unrecorded(), warnings.catch_warnings():
@@ -349,11 +350,6 @@ class Timeline:
         """The pose of the object's bones that the keys around a tick have, or None."""
         keys, skeleton = self.keys["pose"], self._keyed.rigging.skeleton
         return k.bones_at(keys, tick, skeleton) if keys and skeleton is not None else None
-
-    @property
-    def _moves_vertices(self):
-        """Whether the way from this tick on is that of vertices, not of bones."""
-        return self.bones_at(self.head) is None
 
     def span_of_bones(self) -> tuple[int, int]:
         """The first and the last tick between which all keys have poses of the object's bones.
