@@ -11,6 +11,7 @@ from functools import cache
 from itertools import chain
 from pathlib import Path
 
+import narrow
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -55,7 +56,13 @@ MAY_IMPORT = {
         "viewer.document.rigging",
     ],
     "viewer.files": ["core", "wings", "viewer.logs", "viewer.camera", "viewer.document"],
-    "viewer.layers": ["core", "viewer.camera", "viewer.document", "viewer.files"],
+    "viewer.layers": [
+        "core",
+        "viewer.settings",
+        "viewer.camera",
+        "viewer.document",
+        "viewer.files",
+    ],
     "viewer.tools": [
         "core",
         "wings",
@@ -75,6 +82,12 @@ SLOW = {
     "markdown_it",
 }  # imported when used: --help has to answer at once
 FUNCTION_LINES_MAX = 60
+NARROW = "viewer/document", "viewer/layers"  # whose parts see each other by protocols
+WHOLE_SCENE = {  # what really is about all of it
+    "history/undo.py": ["state_of", "is_nothing", "restore", "begin_anew", "unless_it_fails"],
+    "sessions/session.py": ["start_of"],
+    "sessions/player.py": ["__init__"],
+}
 
 
 def module_name(path):
@@ -182,6 +195,101 @@ def test_doors_open(package):
     door = importlib.import_module(package.removesuffix(".__init__"))
     for name in getattr(door, "__all__", ()):
         assert hasattr(door, name), f"{package} has no {name}"
+
+
+@cache
+def narrow_rooms():
+    paths = [path for path in SOURCES if str(path.relative_to(ROOT)).startswith(NARROW)]
+    return narrow.Rooms({path: tree_of(path) for path in paths})
+
+
+def test_parts_take_what_their_protocols_have():
+    assert not narrow_rooms().faults, "\n".join(narrow_rooms().faults)
+
+
+def test_protocols_are_narrow():
+    assert not narrow_rooms().idle, "nobody takes them"
+    assert not narrow_rooms().wide, "a part is seen by a protocol, too"
+
+
+def test_few_functions_take_the_whole_scene():
+    found = {}
+    for path, tree in narrow_rooms().trees.items():
+        for _, function in narrow.functions(tree):
+            for one in narrow.parameters(function):
+                if one.arg in ("scene", "app") or {"Scene", "App"} & {
+                    *narrow.names_in(one.annotation)
+                }:
+                    found.setdefault("/".join(path.parts[-2:]), []).append(function.name)
+    assert found == WHOLE_SCENE
+
+
+def test_the_scene_is_given_to_protocols_alone():
+    """`partial` is for the journal, whose three functions have one."""
+    rooms = narrow_rooms()
+    for node in ast.walk(tree_of(ROOT / "viewer" / "document" / "scene" / "scene.py")):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) != "partial":
+            for one in (one for one in node.args if ast.unparse(one) == "self"):
+                assert rooms.wanted(node, one), ast.unparse(node)
+
+
+USER = """
+class Inner(Protocol):
+    seen: int
+
+class Outer(Protocol):
+    inner: Inner
+    def go(self): ...
+
+class More(Outer, Protocol):
+    count: int
+
+def glance(inner: Inner):
+    return inner.seen
+
+class User:
+    def __init__(self, more: More):
+        self._more = more
+    def use(self):
+        more, count = self._more, self._more.count
+        more.go()
+        glance(more.inner)
+        {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("return more.inner is None", ""),
+        ("more.stop()", "more.stop is not in More"),
+        ("more.stopped = True", "more.stopped is not in More"),
+        ("self._more.inner.hidden += 1", "self._more.inner.hidden is not in Inner"),
+        ("inner, _ = more.inner, 1; return lambda: inner.hidden", "inner.hidden is not in Inner"),
+        ("getattr(more, 'stop')", "more is lost sight of"),
+        ("glance(more)", "more is lost sight of"),  # which has nothing that is seen
+        ("self.more = more", "more is lost sight of"),  # others could take it from there
+        ("return [self._more]", "self._more is lost sight of"),
+    ],
+)
+def test_what_a_protocol_lacks_is_found(line, fault):
+    found = narrow.Rooms({"user": ast.parse(USER.format(line))}).faults
+    assert [one.partition(": ")[2] for one in found] == ([fault] if fault else [])
+
+
+def test_what_a_real_protocol_lacks_is_found():
+    trees = dict(narrow_rooms().trees)
+    path = ROOT / "viewer" / "document" / "timeline" / "timeline.py"
+    text = path.read_text(encoding="utf-8").replace("_keyed.paused", "_keyed.ball")
+    assert "_keyed.ball" in text
+    found = narrow.Rooms(trees | {path: ast.parse(text)}).faults
+    assert found and all(one.endswith("self._keyed.ball is not in Keyed") for one in found)
+
+
+def test_what_is_superfluous_in_a_protocol_is_found():
+    user = USER.format("return").replace("    seen: int", "    seen: int\n    user: User")
+    rooms = narrow.Rooms({"user": ast.parse(user)})
+    assert rooms.idle == rooms.wide == [("Inner", "user")]
 
 
 def lines_of(function):

@@ -12,6 +12,8 @@ from .scene.cuts import masks_of as masks_of
 from .scene.handles import MOST_ADDED as MOST_ADDED
 from .scene.points import ControlPoints as ControlPoints, MOST_POINTS as MOST_POINTS
 from .scene.grabs import (
+    Ball as Ball,
+    Grab as Grab,
     Motion as Motion,
     rotation_matrix as rotation_matrix,
     rotation_vector as rotation_vector,

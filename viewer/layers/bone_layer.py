@@ -5,12 +5,14 @@ eye, so that they need no depth.  The shader makes the faces.  B bones, S joints
 """
 
 import operator
+from typing import Protocol
 
 import moderngl
 import numpy as np
 
-from ..camera import pose_of
+from ..camera import Orbit, pose_of
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
+from ..settings import Settings
 from . import gl
 from .handle_layer import SPHERE_FLOATS
 
@@ -23,11 +25,36 @@ BONE_FLOATS = 9  # head, tail, tint
 VERTICES = 24  # of a bone
 
 
-class BoneLayer:
-    """The bones of one scene."""
+class DrawnRig(Protocol):
+    """Bones, and the joints that a hand has chosen and begun."""
 
-    def __init__(self, ctx: moderngl.Context, scene):
-        self._ctx, self._scene = ctx, scene
+    skeleton: object | None  # of wings.rig
+    selected: tuple[int, str] | None
+    chosen_bone: int | None
+    loose: np.ndarray | None  # [3]
+
+
+class DrawnPose(Protocol):
+    """Where a pose has the bones."""
+
+    ends: np.ndarray  # another array where they moved  [B, 2, 3]
+
+
+class WithBones(Protocol):
+    """The object whose bones are drawn."""
+
+    settings: Settings
+    orbit: Orbit
+    handle_radius: float
+    rigging: DrawnRig
+    posing: DrawnPose
+
+
+class BoneLayer:
+    """The bones of one object."""
+
+    def __init__(self, ctx: moderngl.Context, drawn: WithBones):
+        self._ctx, self._drawn = ctx, drawn
         self._buffer = ctx.buffer(reserve=4 * BONE_FLOATS * MOST_BONES, dynamic=True)
         layout = (self._buffer, "3f 3f 3f/i", "head", "tail", "tint")
         self._bones = ctx.vertex_array(gl.program(ctx, "bones"), [layout])
@@ -40,8 +67,7 @@ class BoneLayer:
 
     def draw(self, camera, clip_range, place=None) -> None:
         """Draw into the framebuffer in use; `place` is where a dragged joint would go.  [3]"""
-        scene = self._scene
-        if not scene.settings.show_bones:
+        if not self._drawn.settings.show_bones:
             return
         self._write(place)
         if not self._sphere_count:
@@ -66,13 +92,13 @@ class BoneLayer:
 
     def _write(self, place):
         """Bring what is drawn to the buffers, if it has changed."""
-        scene, rigging = self._scene, self._scene.rigging
-        eye = pose_of(scene.orbit)  # far ones are drawn first
-        state = scene.posing.ends, eye, rigging.selected, rigging.loose, place
+        drawn, rigging = self._drawn, self._drawn.rigging
+        eye = pose_of(drawn.orbit)  # far ones are drawn first
+        state = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
         if all(map(operator.is_, state, self._state)):  # none of them is changed in place
             return
         self._state = state
-        bones, spheres = bone_instances(scene), joint_spheres(scene, place)
+        bones, spheres = bone_instances(drawn), joint_spheres(drawn, place)
         self._bone_count, self._sphere_count = len(bones), len(spheres)
         if len(bones):
             self._buffer.write(bones)
@@ -84,27 +110,27 @@ class BoneLayer:
             one.release()
 
 
-def _far_first(scene, places):
-    away = places - pose_of(scene.orbit)[:3, 3]
+def _far_first(orbit, places):
+    away = places - pose_of(orbit)[:3, 3]
     return np.argsort(-np.einsum("ni,ni->n", away, away), kind="stable")
 
 
-def bone_instances(scene):
+def bone_instances(drawn: WithBones):
     """Head, tail and tint of each bone, far ones first.  [B, 9] float32"""
-    ends = scene.posing.ends
+    ends, chosen = drawn.posing.ends, drawn.rigging.chosen_bone
     bones = np.empty((len(ends), BONE_FLOATS), np.float32)
     bones[:, :6], bones[:, 6:] = ends.reshape(-1, 6), BONE
-    if scene.rigging.chosen_bone is not None:
-        bones[scene.rigging.chosen_bone, 6:] = CHOSEN
-    return bones[_far_first(scene, 0.5 * (ends[:, 0] + ends[:, 1]))]
+    if chosen is not None:
+        bones[chosen, 6:] = CHOSEN
+    return bones[_far_first(drawn.orbit, 0.5 * (ends[:, 0] + ends[:, 1]))]
 
 
-def joint_spheres(scene, place=None):
+def joint_spheres(drawn: WithBones, place=None):
     """Center, radius and tint of each joint's sphere, far ones first.  [S, 7] float32"""
-    rigging, radius = scene.rigging, scene.handle_radius
+    rigging, radius = drawn.rigging, drawn.handle_radius
     shown = joint_mask(rigging.skeleton)  # [B, 2], of heads and tails
     rows = np.empty((*shown.shape, SPHERE_FLOATS), np.float32)
-    rows[..., :3], rows[..., 3], rows[..., 4:] = scene.posing.ends, JOINT_SIZE * radius, JOINT
+    rows[..., :3], rows[..., 3], rows[..., 4:] = drawn.posing.ends, JOINT_SIZE * radius, JOINT
     if rigging.chosen_bone is not None:
         bone, end = rigging.selected
         rows[bone, ENDS.index(end), 4:] = CHOSEN
@@ -114,7 +140,7 @@ def joint_spheres(scene, place=None):
         spheres = _with(spheres, rigging.loose, radius, tint)
     if place is not None:
         spheres = _with(spheres, place, radius, DRAGGED)
-    return spheres[_far_first(scene, spheres[:, :3])]
+    return spheres[_far_first(drawn.orbit, spheres[:, :3])]
 
 
 def _with(spheres, place, radius, tint):

@@ -6,11 +6,14 @@ shadow).  Points are the middles of sub-tets that can hold density, some thousan
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import moderngl
 import numpy as np
 
-from ...core.field import subtet_corners, unpack_mask
+from ...core.deform import XpbdSolver
+from ...core.field import TetField, subtet_corners, unpack_mask
+from ..settings import Settings
 
 MOST_POINTS = 8_000
 CELLS = 64  # a side of the shadow's picture
@@ -88,6 +91,34 @@ def _blurred(picture, width: int):
     return picture
 
 
+class Measured(Protocol):
+    """A body of a size."""
+
+    meters: float
+    meters_per_unit: float
+
+
+class RemainingField(Protocol):
+    """What was not deleted of a field."""
+
+    revision: int
+    field: TetField
+
+
+class OnGround(Protocol):
+    """The object that stands on the ground."""
+
+    settings: Settings
+    on_ground: bool
+    center: np.ndarray  # at rest  [3]
+    size: float
+    positions: np.ndarray  # [V, 3]
+    revision: int  # of the positions
+    solver: XpbdSolver
+    body: Measured
+    cuts: RemainingField
+
+
 def line_spacing(meters: float) -> float:
     """Meters between two lines of the ground under an object so long: 1, 2 or 5 · 10ⁿ."""
     wanted = max(meters, 1e-9) / LINES
@@ -96,10 +127,10 @@ def line_spacing(meters: float) -> float:
 
 
 class GroundPlane:
-    """The ground of one scene, as shaders/image.frag.glsl draws it."""
+    """The ground of one object, as shaders/image.frag.glsl draws it."""
 
-    def __init__(self, ctx: moderngl.Context, scene):
-        self._scene = scene
+    def __init__(self, ctx: moderngl.Context, standing: OnGround):
+        self._standing = standing
         self._middles = None  # of what is left of the object
         self._texture = ctx.texture((CELLS, CELLS), 1)
         self._texture.repeat_x = self._texture.repeat_y = False
@@ -108,28 +139,28 @@ class GroundPlane:
 
     @property
     def shown(self) -> bool:
-        return self._scene.on_ground and self._scene.settings.show_ground
+        return self._standing.on_ground and self._standing.settings.show_ground
 
     def uniforms(self, unit: int) -> dict:
         """What the shader takes, with the shadow's texture in that unit."""
-        scene = self._scene
+        standing, cuts = self._standing, self._standing.cuts
         if not self.shown:
             return {}
-        height = scene.solver.options.ground
-        if self._middles is None or self._seen[1] != scene.cuts.revision:
-            self._middles = occupied_middles(scene.cuts.field)
+        height = standing.solver.options.ground
+        if self._middles is None or self._seen[1] != cuts.revision:
+            self._middles = occupied_middles(cuts.field)
             self._seen = None
-        if self._seen != (scene.revision, scene.cuts.revision, height):
-            self._shadow = shadow(self._middles.at(scene.positions), height, scene.size)
+        if self._seen != (standing.revision, cuts.revision, height):
+            self._shadow = shadow(self._middles.at(standing.positions), height, standing.size)
             self._texture.write(np.round(255.0 * self._shadow.shade).astype(np.uint8).tobytes())
-            self._seen = scene.revision, scene.cuts.revision, height
+            self._seen = standing.revision, cuts.revision, height
         self._texture.use(unit)
         return {
             "ground_shadow": unit,
             "ground_height": height,
-            "ground_middle": tuple(scene.center[:2]),
-            "ground_reach": 2.5 * scene.size,
-            "line_spacing": line_spacing(scene.body.meters) / scene.body.meters_per_unit,
+            "ground_middle": tuple(standing.center[:2]),
+            "ground_reach": 2.5 * standing.size,
+            "line_spacing": line_spacing(standing.body.meters) / standing.body.meters_per_unit,
             "shadow_center": self._shadow.center,
             "shadow_side": self._shadow.side,
         }

@@ -1,14 +1,18 @@
 """Draws the red spheres of the control vertices and the gray ones of the pins.
 
 They are drawn after the radiance layer and hide behind its depth.  Spheres are drawn nearer
-than they are by the scene's handle_bias; picking.visible uses the same bias.
+than they are by the object's handle_bias; picking.visible uses the same bias.
 """
+
+from typing import Protocol
 
 import moderngl
 import numpy as np
 
-from ..camera import pose_of
-from ..document import MOST_ADDED, MOST_POINTS
+from ...core.field import TetField
+from ..camera import Orbit, pose_of
+from ..document import MOST_ADDED, MOST_POINTS, Ball, Grab
+from ..settings import Settings
 from . import gl
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
@@ -22,12 +26,45 @@ GHOST = 0.35  # opacity of what the object hides of a held sphere
 SPHERE_FLOATS = 7  # center, radius, tint
 
 
-class HandleLayer:
-    """Spheres of one scene."""
+class DrawnHandles(Protocol):
+    """Handles, and what a hand does with them."""
 
-    def __init__(self, ctx: moderngl.Context, scene):
-        self._ctx, self._scene = ctx, scene
-        mesh = scene.field.mesh
+    pin_ids: np.ndarray
+    control_ids: np.ndarray
+    posed: tuple[int, ...]
+    selected: list[int]
+    hover: int | None
+    grabbed: Grab | None
+
+    def at(self, ids) -> np.ndarray: ...
+    def factors(self, ids) -> np.ndarray: ...
+
+
+class Painted(Protocol):
+    """A body."""
+
+    factors: np.ndarray | None  # of its stiffness  [V]
+
+
+class WithSpheres(Protocol):
+    """The object whose spheres are drawn."""
+
+    field: TetField
+    settings: Settings
+    orbit: Orbit
+    handle_radius: float
+    handle_bias: float
+    ball: Ball | None
+    body: Painted
+    handles: DrawnHandles
+
+
+class HandleLayer:
+    """Spheres of one object."""
+
+    def __init__(self, ctx: moderngl.Context, drawn: WithSpheres):
+        self._ctx, self._drawn = ctx, drawn
+        mesh = drawn.field.mesh
         most = mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
         size = 4 * SPHERE_FLOATS * most
         self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
@@ -36,7 +73,7 @@ class HandleLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
-        if self._scene.settings.show_handles or self._scene.ball is not None:
+        if self._drawn.settings.show_handles or self._drawn.ball is not None:
             self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
             gl.blend_over(self._ctx)
             self._draw_spheres(camera, clip_range)
@@ -46,21 +83,21 @@ class HandleLayer:
         self._sphere_buffer.release()
 
     def _draw_spheres(self, camera, clip_range):
-        instances = sphere_instances(self._scene)
+        instances = sphere_instances(self._drawn)
         if not len(instances):
             return
         self._sphere_buffer.write(instances)
         gl.set_uniforms(
             self._spheres.program,
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
-            bias=self._scene.handle_bias,
+            bias=self._drawn.handle_bias,
             pixel_angle=1.0 / camera.focal,
             opacity=1.0,
             parallel=camera.parallel,
             **gl.view_matrices(camera, clip_range),
         )
         self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
-        held = held_sphere(self._scene)
+        held = held_sphere(self._drawn)
         if len(held):  # what of it is inside the object, faintly
             self._sphere_buffer.write(held)
             gl.set_uniforms(self._spheres.program, opacity=GHOST)
@@ -69,45 +106,45 @@ class HandleLayer:
             self._ctx.depth_func = "<="
 
 
-def sphere_instances(scene):
+def sphere_instances(drawn: WithSpheres):
     """Center, radius and tint of every sphere, far ones first.  [S, 7] float32
 
     The soft edge of a sphere blends with what was drawn before it.
     """
     nobody = np.empty(0, int)
-    pin_ids, control_ids = nobody, nobody
-    if scene.settings.show_handles:
-        pin_ids, control_ids = scene.handles.pin_ids, scene.handles.control_ids
+    handles, pin_ids, control_ids = drawn.handles, nobody, nobody
+    if drawn.settings.show_handles:
+        pin_ids, control_ids = handles.pin_ids, handles.control_ids
     ids = np.concatenate([pin_ids, control_ids])
     instances = np.empty((len(ids), SPHERE_FLOATS), np.float32)
-    instances[:, :3] = scene.handles.at(ids)
-    instances[:, 3] = scene.handle_radius
+    instances[:, :3] = handles.at(ids)
+    instances[:, 3] = drawn.handle_radius
     instances[:, 4:] = RED
     instances[: len(pin_ids), 3] *= PIN_SCALE
     instances[: len(pin_ids), 4:] = PIN_BLUE
-    if scene.body.factors is not None:
-        instances[len(pin_ids) :, 4:] = stiffness_tints(scene.handles.factors(control_ids))
-    handles = scene.handles
+    if drawn.body.factors is not None:
+        instances[len(pin_ids) :, 4:] = stiffness_tints(handles.factors(control_ids))
     instances[np.isin(ids, handles.posed), 4:] = GOLD
     instances[np.isin(ids, handles.selected), 4:] = SELECTED
     if handles.hover is not None:
-        instances[ids == handles.hover, 3] = HOVER_SCALE * scene.handle_radius
+        instances[ids == handles.hover, 3] = HOVER_SCALE * drawn.handle_radius
         instances[ids == handles.hover, 4:] = ORANGE
     if handles.grabbed is not None:
         instances[np.isin(ids, handles.grabbed.handles), 4:] = YELLOW
-    if scene.ball is not None:
-        ball = np.array([[*scene.ball.reached, scene.ball.radius, *BALL_GRAY]], np.float32)
+    if drawn.ball is not None:
+        ball = np.array([[*drawn.ball.reached, drawn.ball.radius, *BALL_GRAY]], np.float32)
         instances = np.concatenate([instances, ball])
-    away = np.linalg.norm(instances[:, :3] - pose_of(scene.orbit)[:3, 3], axis=1)
+    away = np.linalg.norm(instances[:, :3] - pose_of(drawn.orbit)[:3, 3], axis=1)
     return instances[np.argsort(-away)]
 
 
-def held_sphere(scene):
+def held_sphere(drawn: WithSpheres):
     """The sphere of the vertex that is held, as sphere_instances has it.  [held, 7] float32"""
-    if scene.handles.grabbed is None or not scene.settings.show_handles:
+    handles = drawn.handles
+    if handles.grabbed is None or not drawn.settings.show_handles:
         return np.empty((0, SPHERE_FLOATS), np.float32)
-    places = scene.handles.at(scene.handles.grabbed.handles)
-    return np.array([[*at, scene.handle_radius, *YELLOW] for at in places], np.float32)
+    places = handles.at(handles.grabbed.handles)
+    return np.array([[*at, drawn.handle_radius, *YELLOW] for at in places], np.float32)
 
 
 def stiffness_tints(factors):

@@ -10,11 +10,21 @@ hide behind the picture's depth alone, where they can be picked.
 both as means about each vertex, by volume, interpolated over the faces.
 """
 
+from typing import Protocol
+
 import moderngl
 import numpy as np
 
-from ...core.deform import at_vertices, deformation_gradients, rest_tets, strains, volume_ratios
+from ...core.deform import (
+    XpbdSolver,
+    at_vertices,
+    deformation_gradients,
+    rest_tets,
+    strains,
+    volume_ratios,
+)
 from ...core.geometry import boundary_faces
+from ..settings import Settings
 from . import gl
 from .colormaps import COLORS
 from .legend import ColorScale, Legend
@@ -25,12 +35,31 @@ LIGHT_SHADING = 0.72, 1.05  # of colors that mean something
 WIRE_OPACITY = 0.9
 
 
-class MeshLayer:
-    """The surface of one scene's mesh."""
+class RemainingTets(Protocol):
+    """Tets that were not deleted."""
 
-    def __init__(self, ctx: moderngl.Context, scene, draw_depth):
+    kept: np.ndarray  # another array where some were  [T] bool
+    tets: np.ndarray  # [T', 4]
+    neighbours: np.ndarray  # [T', 4]
+
+
+class WithMesh(Protocol):
+    """The object whose mesh is drawn."""
+
+    settings: Settings
+    handle_radius: float
+    positions: np.ndarray  # [V, 3]
+    revision: int  # of the positions
+    solver: XpbdSolver
+    cuts: RemainingTets
+
+
+class MeshLayer:
+    """The surface of one object's mesh."""
+
+    def __init__(self, ctx: moderngl.Context, drawn: WithMesh, draw_depth):
         """Take a function that fills the framebuffer's depth with the picture's again."""
-        self._ctx, self._scene, self._draw_depth = ctx, scene, draw_depth
+        self._ctx, self._drawn, self._draw_depth = ctx, drawn, draw_depth
         self._program = gl.program(ctx, "mesh")
         self._legend = Legend(ctx)
         self._kept = self._buffer = self._faces = None
@@ -38,7 +67,7 @@ class MeshLayer:
 
     def _take_tets(self):
         """Make space for the faces around the tets that are left."""
-        cuts, ctx = self._scene.cuts, self._ctx
+        cuts, ctx = self._drawn.cuts, self._ctx
         self._kept, tets = cuts.kept, cuts.tets
         faces, _ = boundary_faces(tets, cuts.neighbours)
         self._corners = faces.ravel()
@@ -52,11 +81,11 @@ class MeshLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
-        settings, ctx = self._scene.settings, self._ctx
+        settings, ctx = self._drawn.settings, self._ctx
         filled = settings.mesh_surface != "hidden" and settings.mesh_opacity > 0.0
         if not filled and not settings.show_wireframe:
             return
-        if self._kept is not self._scene.cuts.kept:
+        if self._kept is not self._drawn.cuts.kept:
             self._take_tets()
         self._write()
         scale = scale_of(settings)
@@ -64,7 +93,7 @@ class MeshLayer:
             self._faces.program,
             parallel=camera.parallel,
             **gl.view_matrices(camera, clip_range),
-            bias=0.5 * self._scene.handle_radius,  # the depth image may be coarser than the window
+            bias=0.5 * self._drawn.handle_radius,  # the depth image may be coarser than the window
             shading=SHADING.get(settings.mesh_surface, LIGHT_SHADING),
             opacity=settings.mesh_opacity if filled else 0.0,
             wire=WIRE_OPACITY * settings.show_wireframe,
@@ -92,19 +121,19 @@ class MeshLayer:
 
     def _write(self):
         """Bring positions and shares of the scale to the buffer, if they have changed."""
-        scene = self._scene
-        scale, shape = scale_of(scene.settings), scene.solver.rest_shape
+        drawn = self._drawn
+        scale, shape = scale_of(drawn.settings), drawn.solver.rest_shape
         if scale is not None and shape is not self._shape:
             self._shape, self._rest = shape, rest_tets(shape, self._tets)
             self._written = None
-        if self._written == (scene.revision, scale):
+        if self._written == (drawn.revision, scale):
             return
-        vertices = np.zeros((len(scene.positions), 4), np.float32)
-        vertices[:, :3] = scene.positions
+        vertices = np.zeros((len(drawn.positions), 4), np.float32)
+        vertices[:, :3] = drawn.positions
         if scale is not None:
-            vertices[:, 3] = scale.share(values_of(scale.word, scene.positions, self._rest))
+            vertices[:, 3] = scale.share(values_of(scale.word, drawn.positions, self._rest))
         self._buffer.write(vertices[self._corners])
-        self._written = scene.revision, scale
+        self._written = drawn.revision, scale
 
 
 def values_of(word: str, positions, rest):

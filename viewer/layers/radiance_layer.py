@@ -10,6 +10,7 @@ The depth is that of the unshifted image: other things in the scene hide behind 
 
 import time
 from dataclasses import replace
+from typing import Protocol
 
 import moderngl
 import numpy as np
@@ -27,10 +28,10 @@ from ...core.render import (
     render_mode,
     shifted,
 )
-from ..camera import pixels_per_unit
+from ..camera import Orbit, pixels_per_unit
 from ..files import with_colors
 from . import gl
-from .ground_plane import GroundPlane
+from .ground_plane import GroundPlane, OnGround, RemainingField
 from .resolution import (
     CPU_LADDER,
     LADDER,
@@ -50,19 +51,43 @@ AVERAGED_MODES = ("color", "accumulation")
 SMOOTH_MODES = ("color", "depth", "accumulation", "normals")  # whose colors may be blended
 
 
-class RadianceLayer:
-    """Draws what a Renderer of core/render renders of a scene."""
+class RemainingSubtets(RemainingField, Protocol):
+    """What was not deleted, down to sub-tets."""
 
-    def __init__(self, ctx, scene, renderer, path: str, times, clock=time.perf_counter):
-        """Take a Scene, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
+    some: bool  # whether anything was
+    kept: np.ndarray  # another array where tets were  [T] bool
+    left: np.ndarray  # [T] uint64
+
+
+class SeenFrom(Protocol):
+    """Where the object is seen from."""
+
+    depth_range: tuple[float, float]
+
+
+class WithRadiance(OnGround, Protocol):
+    """The object whose field is drawn."""
+
+    orbit: Orbit
+    viewpoint: SeenFrom
+    cuts: RemainingSubtets
+
+
+class RadianceLayer:
+    """Draws what a Renderer of core/render renders of an object."""
+
+    def __init__(
+        self, ctx, drawn: WithRadiance, renderer, path: str, times, clock=time.perf_counter
+    ):
+        """Take an object, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
         self.render_count = 0  # of images that were rendered at once, not in strips
         self.path, self.device = path, renderer.device
         self.transparent = False  # draw no background, and the opacity into the fourth channel
-        self._ctx, self._scene, self._renderer = ctx, scene, renderer
+        self._ctx, self._drawn, self._renderer = ctx, drawn, renderer
         self._times, self._clock = times, clock
         self._triangles = {}  # by what the shader finds defined
         self._triangle = None  # that was drawn last
-        self._ground = GroundPlane(ctx, scene)
+        self._ground = GroundPlane(ctx, drawn)
         self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
@@ -98,7 +123,7 @@ class RadianceLayer:
     @property
     def most_samples(self) -> int:
         """The final `sample_count` at rest."""
-        settings = self._scene.settings
+        settings = self._drawn.settings
         # The mean of hashed colors or of a heat map is the color of something else.
         return SAMPLE_COUNT if settings.accumulate and settings.mode in AVERAGED_MODES else 1
 
@@ -115,9 +140,9 @@ class RadianceLayer:
     def colored(self, surface):
         """An export.SurfaceMesh of the pose as it is now, with the colors that it has there."""
         self._follow_cuts()
-        self._renderer.set_vertices(self._scene.solver.vertices)
+        self._renderer.set_vertices(self._drawn.solver.vertices)
         self._pose = None  # to be taken anew
-        return with_colors(surface, self._renderer, self._scene.size)
+        return with_colors(surface, self._renderer, self._drawn.size)
 
     def depth_image(self):
         """The depths [h, w] of the last whole picture, at its own resolution; None before it."""
@@ -139,7 +164,7 @@ class RadianceLayer:
 
     def _expect_all(self):
         """The renderer is one of the whole field."""
-        cuts = self._scene.cuts
+        cuts = self._drawn.cuts
         self._cuts, self._kept = 0, None if cuts.some else cuts.kept
 
     def _follow_cuts(self):
@@ -148,7 +173,7 @@ class RadianceLayer:
         Masks take no time to speak of.  Where tets have gone, a new renderer has fewer of them:
         the solver no longer moves those that went, and they would overlap others.
         """
-        cuts = self._scene.cuts
+        cuts = self._drawn.cuts
         if self._cuts == cuts.revision:
             return
         if cuts.kept is self._kept:
@@ -163,12 +188,12 @@ class RadianceLayer:
 
         If `whole`, all pixels are rendered at once, however long it takes, but each only once.
         """
-        scene, settings = self._scene, self._scene.settings
+        drawn, settings = self._drawn, self._drawn.settings
         self._follow_cuts()
         seen = (
             camera.camera_to_world.tobytes(),
             (camera.lens, camera.parallel),
-            (scene.revision, settings.mode, settings.background),
+            (drawn.revision, settings.mode, settings.background),
             (settings.fixed_resolution, self.most_samples),
         )
         self._renderer.stage.seconds = {} if settings.time_rendering else None
@@ -179,10 +204,10 @@ class RadianceLayer:
             self._seen, self._changed_at = seen, now
             before = self._past_view(camera)
             self._upsampling.changed()
-            if scene.revision != self._pose:
+            if drawn.revision != self._pose:
                 with self._times.task("render"):
-                    self._renderer.set_vertices(scene.solver.vertices)
-                self._pose = scene.revision
+                    self._renderer.set_vertices(drawn.solver.vertices)
+                self._pose = drawn.revision
             if whole or settings.fixed_resolution is not None:
                 self._render_at(1.0 if whole else settings.fixed_resolution, camera)
             else:
@@ -208,10 +233,10 @@ class RadianceLayer:
             moments: Of each image the Camera, and the vertices [V, 3] or None: as they are.
                 The last one isn't shifted, and the depth is its.
         """
-        scene, settings = self._scene, self._scene.settings
+        drawn, settings = self._drawn, self._drawn.settings
         self._follow_cuts()
         moments = moments if settings.mode in AVERAGED_MODES else moments[-1:]
-        seen = [settings.mode, settings.background, scene.revision]
+        seen = [settings.mode, settings.background, drawn.revision]
         for camera, vertices in moments:
             pose = None if vertices is None else vertices.tobytes()
             seen.append((camera.camera_to_world.tobytes(), camera.lens, pose))
@@ -219,11 +244,11 @@ class RadianceLayer:
             return  # a frame in which nothing moves
         self._seen = seen
         options = RenderOptions(background=tuple(settings.background))
-        mean, count, depth_range = None, len(moments), scene.viewpoint.depth_range
+        mean, count, depth_range = None, len(moments), drawn.viewpoint.depth_range
         for index, (camera, vertices) in enumerate(moments):
-            pose = scene.revision if vertices is None else object()
+            pose = drawn.revision if vertices is None else object()
             if pose != self._pose:
-                now = scene.solver.vertices if vertices is None else vertices
+                now = drawn.solver.vertices if vertices is None else vertices
                 self._renderer.set_vertices(now)
                 self._pose = pose
             camera = shifted(camera, count - 1 - index)
@@ -252,10 +277,10 @@ class RadianceLayer:
         Above one frame a time step, if `steps_alone`, a picture is shown for several frames, and
         has the time of them all.
         """
-        scene, moving, rung = self._scene, self._moving, self._moving.rung
+        moving, rung = self._moving, self._moving.rung
         # On CUDA, flip is the wait for the screen, and costs rendering nothing.
         others = (*OTHER_TASKS, "flip") if self.device.is_cpu else OTHER_TASKS
-        target, seconds = scene.settings.target_fps, self._times.recent(others)
+        target, seconds = self._drawn.settings.target_fps, self._times.recent(others)
         frames = target * TIME_STEP if steps_alone else 1.0
         if frames > 1.0:
             means = self._times.means()
@@ -271,13 +296,12 @@ class RadianceLayer:
 
     def _savings(self, rung, factor, camera):
         """What a picture with that share of the image's lines saves on besides pixels."""
-        pixel = 1.0 / (factor * pixels_per_unit(camera, self._scene.orbit.distance))
+        pixel = 1.0 / (factor * pixels_per_unit(camera, self._drawn.orbit.distance))
         return rung.savings(self._level_edges, pixel)
 
     def _past_view(self, camera):
         """What the shown picture was rendered of, if an upsampled one can follow it."""
-        scene, shown = self._scene, self.shown.texture
-        settings = scene.settings
+        settings, shown = self._drawn.settings, self.shown.texture
         kind = settings.mode, settings.background, self._cuts, self._renderer, camera.parallel
         same, self._kind = kind == self._kind, kind
         sizes = [_size_of(camera, scale) for scale in (1.0, SMALL)]
@@ -290,7 +314,7 @@ class RadianceLayer:
     def _may_upsample(self, camera):
         """Whether pixels can be taken from one image to the next."""
         plain = not camera.lens.is_distorted and min(camera.width, camera.height) >= 8
-        return plain and self._scene.settings.mode == "color" and self.device.is_cpu
+        return plain and self._drawn.settings.mode == "color" and self.device.is_cpu
 
     def _upsample(self, rung, camera, view):
         """Render a coarse picture, and show the image that it becomes with the one before.
@@ -298,7 +322,7 @@ class RadianceLayer:
         Args:
             view: The PastView of the shown picture, or None if nothing can be taken from it.
         """
-        background = self._scene.settings.background
+        background = self._drawn.settings.background
         savings = self._savings(rung, rung.scale, camera)
         options = RenderOptions(tuple(background), details=True, **savings)
         before = None if view is None else self._shown_image()
@@ -369,8 +393,8 @@ class RadianceLayer:
 
     def _add_rows(self, picture, camera, rows=None):
         """Render rows of a picture, or its next strip; put them into its texture, if it has one."""
-        scene, start, rows = self._scene, time.perf_counter(), rows or picture.strip()
-        options = RenderOptions(background=tuple(scene.settings.background), **picture.cheaper)
+        drawn, start, rows = self._drawn, time.perf_counter(), rows or picture.strip()
+        options = RenderOptions(background=tuple(drawn.settings.background), **picture.cheaper)
         if picture.texture is not None:
             camera = camera.resized(*picture.texture.size)
             with self._times.task("upload"):
@@ -379,10 +403,10 @@ class RadianceLayer:
             image = render_mode(
                 self._renderer,
                 camera,
-                scene.settings.mode,
+                drawn.settings.mode,
                 options,
                 rows,
-                scene.viewpoint.depth_range,
+                drawn.viewpoint.depth_range,
             )
             wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
         picture.add(image, time.perf_counter() - start)
@@ -395,7 +419,7 @@ class RadianceLayer:
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
         scaled = self.shown.texture.size != (camera.width, camera.height)
-        smooth = scaled and self._scene.settings.mode in SMOOTH_MODES
+        smooth = scaled and self._drawn.settings.mode in SMOOTH_MODES
         self._triangle = self._triangle_for(smooth)
         (width, height), (x, y) = (camera.width, camera.height), camera.lens.center
         gl.set_uniforms(
@@ -404,9 +428,9 @@ class RadianceLayer:
             field_depth=1,
             field_size=self.shown.texture.size,
             texel=height / self.shown.height / camera.focal,
-            background=self._scene.settings.background,
+            background=self._drawn.settings.background,
             squares=(width / CHECKER_SIZE, height / CHECKER_SIZE),
-            checkerboard=self._scene.settings.checkerboard,
+            checkerboard=self._drawn.settings.checkerboard,
             transparent=self.transparent,
             extent=(width / camera.lens.focal[0], height / camera.lens.focal[1]),
             axis=(x / width, y / height),
@@ -418,7 +442,7 @@ class RadianceLayer:
         partly = smooth or self.shown.part is not None
         box = self._object_part(camera) if partly and self._is_plain else None
         if box is not None:
-            background = np.round(255.0 * np.array(self._scene.settings.background)) / 255.0
+            background = np.round(255.0 * np.array(self._drawn.settings.background)) / 255.0
             self._ctx.clear(*background, 1.0, depth=1.0)
             self._ctx.scissor = box
         self._draw_triangle()
@@ -427,7 +451,7 @@ class RadianceLayer:
     @property
     def _is_plain(self):
         """Whether the background is one color, and OpenGL perhaps as slow as the renderer."""
-        several = self._scene.settings.checkerboard or self._ground.shown or self.transparent
+        several = self._drawn.settings.checkerboard or self._ground.shown or self.transparent
         return self.device.is_cpu and not several
 
     def _object_part(self, camera):

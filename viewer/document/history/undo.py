@@ -1,11 +1,46 @@
 """The state of a scene that edits change: kept before each edit, restored by undo and redo."""
 
 from contextlib import contextmanager
+from typing import Any, Protocol
 
 import numpy as np
 
+from ....core.deform import XpbdSolver
+from .journal import Journal
 
-def state_of(scene) -> dict:
+
+class Restorable(Protocol):
+    """A part of a scene."""
+
+    def state(self) -> dict: ...
+    def restore(self, state: dict) -> None: ...
+
+
+class Undoable(Protocol):
+    """A scene whose edits can be undone."""
+
+    body: Restorable
+    cuts: Restorable
+    viewpoint: Restorable
+    handles: Restorable
+    timeline: Restorable
+    rigging: Restorable
+    posing: Restorable
+    solver: XpbdSolver
+    pinned: np.ndarray  # [V] bool
+    pins: np.ndarray  # of a held object  [V] bool
+    floor: float
+    orbit: Any
+    settings: Any
+    paused: bool
+    revision: int
+    first_state: dict
+    journal: Journal
+
+    def let_loose(self) -> None: ...
+
+
+def state_of(scene: Undoable) -> dict:
     """Positions, pins, material and surroundings."""
     solver = scene.solver
     return {
@@ -16,7 +51,7 @@ def state_of(scene) -> dict:
         "timeline": scene.timeline.state(),
         "rigging": scene.rigging.state(),
         "posing": scene.posing.state(),
-        "pinned": solver.pinned | scene.timeline.taken_pins | scene.posing.taken_pins,
+        "pinned": scene.pinned,
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
         "asleep": solver.settled,
@@ -24,7 +59,7 @@ def state_of(scene) -> dict:
     }
 
 
-def is_nothing(scene, before: dict) -> bool:
+def is_nothing(scene: Undoable, before: dict) -> bool:
     """Whether an edit has changed nothing since a state; a body that it woke sleeps again."""
     now = state_of(scene) | {"asleep": before["asleep"]}
     if not _same(before, now):
@@ -50,11 +85,9 @@ def _same(one, other):
         return False
 
 
-def restore(scene, state: dict) -> None:
+def restore(scene: Undoable, state: dict) -> None:
     """Return to a state; nothing is held afterwards."""
-    scene.handles.release()
-    scene.end_push()
-    scene.posing.end()
+    scene.let_loose()
     scene.rigging.restore(state["rigging"])
     scene.timeline.restore(state["timeline"])
     scene.cuts.restore(state["cuts"])
@@ -72,7 +105,7 @@ def restore(scene, state: dict) -> None:
     scene.revision += 1
 
 
-def begin_anew(scene) -> None:
+def begin_anew(scene: Undoable) -> None:
     """Return to the state of the first frame, without a past."""
     hand = scene.settings.hand
     restore(scene, scene.first_state)
@@ -83,7 +116,7 @@ def begin_anew(scene) -> None:
 
 
 @contextmanager
-def unless_it_fails(scene):
+def unless_it_fails(scene: Undoable):
     """In the block, the scene is brought elsewhere; if that raises, it is as it was before."""
     journal = scene.journal
     state, floor, pins, paused = state_of(scene), scene.floor, scene.pins, scene.paused

@@ -4,16 +4,26 @@ The solver has one list of handles; here each of the two has its own share of it
 the solver gets what the mouse holds, unchanged.  K vertices that are held.
 """
 
+from typing import Protocol
+
 import numpy as np
+
+from ....core.deform import XpbdSolver
 
 NOBODY = np.empty(0, np.int64)
 
 
-class Hold:
-    """The handles of one scene's solver."""
+class Solved(Protocol):
+    """What a solver moves."""
 
-    def __init__(self, scene):
-        self._scene = scene
+    solver: XpbdSolver  # another one after tets were deleted; nothing is held then
+
+
+class Hold:
+    """The handles of one body's solver."""
+
+    def __init__(self, body: Solved):
+        self._body = body
         self.hand = self.bones = NOBODY  # ids  [K]
         self._hand_targets = self._bone_targets = None  # [K, 3]; None: not sent anywhere yet
         self._springs = ()  # of the hand
@@ -45,20 +55,11 @@ class Hold:
         else:
             self._send()
 
-    def again(self) -> None:
-        """Hold the same again: the solver's positions were set, and its targets with them."""
-        self._give()
-
     def release_bones(self) -> None:
         """Bones let go."""
         if len(self.bones):
             self.bones, self._bone_targets = NOBODY, None
             self._give()
-
-    @property
-    def _solver(self):
-        """That of the scene, which has another one when tets are deleted; nothing is held then."""
-        return self._scene.solver
 
     @property
     def _free(self):
@@ -67,21 +68,21 @@ class Hold:
 
     def _give(self):
         if not len(self.bones):
-            self._solver.grab(self.hand, *self._springs)
+            self._body.solver.grab(self.hand, *self._springs)
             if self._hand_targets is not None:
-                self._solver.move(self._hand_targets)
+                self._body.solver.move(self._hand_targets)
             return
-        self._solver.grab(np.concatenate([self.hand[self._free], self.bones]))
+        self._body.solver.grab(np.concatenate([self.hand[self._free], self.bones]))
         self._send()
 
     def _send(self):
         if not len(self.bones):
-            self._solver.move(self._hand_targets)
+            self._body.solver.move(self._hand_targets)
             return
         if not len(self.hand):
-            self._solver.move(self._bone_targets)
+            self._body.solver.move(self._bone_targets)
             return
         targets = self._hand_targets
         if targets is None:
-            targets = self._solver.vertices.numpy()[self.hand]
-        self._solver.move(np.concatenate([targets[self._free], self._bone_targets]))
+            targets = self._body.solver.vertices.numpy()[self.hand]
+        self._body.solver.move(np.concatenate([targets[self._free], self._bone_targets]))

@@ -9,10 +9,12 @@ Shapes: B bones, V vertices.
 """
 
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from ....core.deform import TIME_STEP
+from ....core.field import TetField
 from ....wings.rig import (
     METHODS,
     BonePose,
@@ -24,6 +26,8 @@ from ....wings.rig import (
     posed,
 )
 from ..history.journal import edit
+from .hold import Solved
+from .rigging import Rigging
 
 SPEEDS = -4.0, 4.0  # of clips
 NO_ENDS = np.zeros((0, 2, 3))
@@ -34,8 +38,27 @@ STATE = (
 )
 
 
+class BoneGrip(Protocol):
+    """What bones hold vertices by."""
+
+    def hold_bones(self, ids: np.ndarray, targets: np.ndarray) -> None: ...
+    def release_bones(self) -> None: ...
+
+
+class MovedByBones(Solved, Protocol):
+    """The object that bones move."""
+
+    field: TetField
+    grip: BoneGrip
+    paused: bool
+    revision: int
+
+    def make_way(self, soft: bool) -> None: ...
+    def reset(self) -> None: ...
+
+
 class Posing:
-    """The pose of one scene's bones.
+    """The pose of one object's bones.
 
     Attributes:
         pose: Of the bones; None: at rest.
@@ -44,13 +67,13 @@ class Posing:
         clip, seconds: The name of the chosen clip, empty without one, and the time in it.
     """
 
-    def __init__(self, scene):
+    def __init__(self, moved: MovedByBones, rigging: Rigging):
         self.journal = None  # of the scene, once it has one
         self.softness, self.method = 0.0, METHODS[0]
         self.clip, self.seconds, self.loop, self.speed = "", 0.0, True, 1.0
         self.pose: BonePose | None = None
         self.playing = self.drives = self.shows_vertices = False
-        self._scene, self._rigging = scene, scene.rigging
+        self._moved, self._rigging = moved, rigging
         self._fades = None  # the clip before, the time in it, and the time since [s]
         self._aim: BonePose | None = None  # where a drag wants the bones, until they are there
         self._pins = None  # that are taken off while bones hold vertices  [V] bool
@@ -239,7 +262,7 @@ class Posing:
         Args:
             seen: Whether the pose after the tick is looked at.
         """
-        if not self.playing or (self.soft and self._scene.paused):
+        if not self.playing or (self.soft and self._moved.paused):
             return False
         after = self.seconds + self.speed * TIME_STEP
         if self._fades is not None:
@@ -283,20 +306,14 @@ class Posing:
         self.playing, self.drives = False, True
         if at_once and self.soft:
             self._let_go()
-            self._scene.solver.set_state(self._vertices(pose))
+            self._moved.solver.set_state(self._vertices(pose))
         self._show(pose)
         return not self.soft
 
     def _act(self):
         """From now on the bones move the object, but no clip plays."""
-        scene = self._scene
-        scene.end_push()
         self.playing, self._fades = False, None
-        if self.soft:
-            scene.timeline.give_way()
-        else:
-            scene.handles.release()
-            scene.timeline.stand_still()
+        self._moved.make_way(self.soft)
         self.drives = True
 
     def _show(self, pose):
@@ -329,19 +346,18 @@ class Posing:
         return self._frames[2]
 
     def _move(self, vertices):
-        scene = self._scene
         if self.soft:
             self._take_pins()
             driven = self._driven_ids()
-            scene.grip.hold_bones(driven, vertices[driven])
+            self._moved.grip.hold_bones(driven, vertices[driven])
         else:
-            scene.solver.stand(vertices)
-        scene.revision += 1
+            self._moved.solver.stand(vertices)
+        self._moved.revision += 1
 
     def _driven_ids(self):
         skeleton, softness = self._rigging.skeleton, self.softness
         if self._driven is None or self._driven[:2] != (id(skeleton), softness):
-            mesh = self._scene.field.mesh
+            mesh = self._moved.field.mesh
             ids = driven_vertices(mesh, skeleton, softness)
             self._driven = id(skeleton), softness, ids, skeleton  # which is kept, and so its id
         return self._driven[2]
@@ -349,20 +365,20 @@ class Posing:
     @property
     def taken_pins(self):
         """Pins that aren't the solver's while bones hold vertices.  [V] bool"""
-        none = np.zeros(len(self._scene.solver.pinned), bool)
+        none = np.zeros(len(self._moved.solver.pinned), bool)
         return none if self._pins is None else self._pins
 
     def _take_pins(self):
         if self._pins is None:
-            self._pins = self._scene.solver.pinned.copy()
-            self._scene.solver.set_pinned(np.zeros_like(self._pins))
+            self._pins = self._moved.solver.pinned.copy()
+            self._moved.solver.set_pinned(np.zeros_like(self._pins))
 
     def _let_go(self):
         """Bones hold nothing; what was pinned is again, where it has come to."""
-        self._scene.grip.release_bones()
+        self._moved.grip.release_bones()
         if self._pins is not None:
             pins, self._pins = self._pins, None
-            self._scene.solver.set_pinned(self._scene.solver.pinned | pins)
+            self._moved.solver.set_pinned(self._moved.solver.pinned | pins)
 
     def give_way(self) -> None:
         """Time goes on: what stood still is the solver's, and returns to its rest shape."""
@@ -385,7 +401,7 @@ class Posing:
         moved = self.drives
         self.rest()
         if moved:
-            self._scene.reset()
+            self._moved.reset()
 
     # -- undo ----------------------------------------------------------------------------
 

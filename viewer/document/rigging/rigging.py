@@ -5,13 +5,16 @@ the object.  posing.py has what bones do to it.
 """
 
 import time
+from typing import Protocol
 
 import numpy as np
 
 from ....core.deform import TIME_STEP
-from ....wings.rig import Rig, Skinner, automatic_weights, clip_of_poses, rig_from
+from ....core.field import TetField
+from ....wings.rig import BonePose, Rig, Skinner, automatic_weights, clip_of_poses, rig_from
 from ..history.journal import edit
 from . import joints
+from .hold import Solved
 from .joints import HEAD, LOOSE, TAIL, Joint
 
 MOST_JOINTS = 200
@@ -34,8 +37,32 @@ def rig_of(field, name: str) -> Rig | None:
         raise ValueError(f"the rig in the model {name} can't be used: {error}") from error
 
 
+class MovingJoints(Protocol):
+    """Where a pose has the joints."""
+
+    ends: np.ndarray  # [B, 2, 3]
+
+    def back_to_rest(self) -> None: ...
+    def stop_clip(self) -> None: ...
+
+
+class KeyedBones(Protocol):
+    """Keys, some of them of poses of bones."""
+
+    def span_of_bones(self) -> tuple[int, int]: ...
+    def bones_at(self, tick: float) -> BonePose | None: ...
+
+
+class Rigged(Solved, Protocol):
+    """The object that has a rig."""
+
+    field: TetField
+    posing: MovingJoints
+    timeline: KeyedBones
+
+
 class Rigging:
-    """The rig of one scene.
+    """The rig of one object.
 
     Attributes:
         skeleton: None without bones.
@@ -47,8 +74,8 @@ class Rigging:
         say: Shows a message to the user.
     """
 
-    def __init__(self, scene, rig: Rig | None = None):
-        """Take a scene, and the rig of its model if it has one."""
+    def __init__(self, rigged: Rigged, rig: Rig | None = None):
+        """Take an object, and the rig of its model if it has one."""
         self.journal = None  # of the scene, once it has one
         self.skeleton = self.weights = self.offsets = self.loose = None
         self.clips = ()
@@ -57,7 +84,7 @@ class Rigging:
             self.weights, self.offsets = rig.weights, rig.offsets
         self.selected: tuple[int, str] | None = None
         self.say = lambda message: None
-        self._scene = scene
+        self._rigged, self._first = rigged, self.state()
         self._bound = None  # skeleton and weights, the weights that follow, and the Skinner
 
     @property
@@ -67,13 +94,13 @@ class Rigging:
     @property
     def changed(self) -> bool:
         """Whether it is another one than the model's."""
-        first = self._scene.first_state["rigging"]
-        return any(getattr(self, name) is not first[name] for name in STATE if name != "loose")
+        now = self.state()
+        return any(now[name] is not self._first[name] for name in STATE if name != "loose")
 
     @property
     def joints(self) -> list[Joint]:
         """All joints, where they are now."""
-        ends = self._scene.posing.ends
+        ends = self._rigged.posing.ends
         return joints.joints_of(self.skeleton, self.loose, *np.moveaxis(ends, 1, 0))
 
     @property
@@ -93,11 +120,11 @@ class Rigging:
         """What poses the object's vertices; weights that are missing are made."""
         last = self._bound
         if last is None or last[0] is not self.skeleton or last[1] is not self.weights:
-            since, mesh = time.perf_counter(), self._scene.field.mesh
+            since, mesh = time.perf_counter(), self._rigged.field.mesh
             weights = self.weights
             if weights is None:
                 weights = automatic_weights(mesh, self.skeleton)
-            device = str(self._scene.solver.device)
+            device = str(self._rigged.solver.device)
             skinner = Skinner(mesh.rest_vertices, weights, device, self.offsets)
             self._bound = self.skeleton, self.weights, weights, skinner
             seconds = time.perf_counter() - since
@@ -133,7 +160,7 @@ class Rigging:
     @edit("begin_chain", undo="joint")
     def begin_chain(self, point) -> None:
         """Put a joint there, from which a chain of bones begins."""
-        self._scene.posing.back_to_rest()
+        self._rigged.posing.back_to_rest()
         self.loose = np.asarray(point, float)
 
     @edit("add_bone", undo="joint")
@@ -177,7 +204,7 @@ class Rigging:
 
     def _take(self, skeleton, clips):
         """Take another skeleton, at rest."""
-        self._scene.posing.back_to_rest()
+        self._rigged.posing.back_to_rest()
         self.skeleton, self.clips = skeleton, clips
         self.weights = self.offsets = None  # they were of the bones before
 
@@ -197,7 +224,7 @@ class Rigging:
         Raises:
             ValueError: Fewer than two keys have a pose of these bones.
         """
-        timeline = self._scene.timeline
+        timeline = self._rigged.timeline
         first, last = timeline.span_of_bones()
         ticks = np.unique(np.append(np.arange(first, last, SAMPLED), last))
         poses = [timeline.bones_at(int(tick)) for tick in ticks]
@@ -208,7 +235,7 @@ class Rigging:
     def delete_clip(self, clip: str) -> None:
         """Forget a clip."""
         gone = self.clip(clip)
-        self._scene.posing.stop_clip()
+        self._rigged.posing.stop_clip()
         self.clips = tuple(one for one in self.clips if one is not gone)
 
     # -- undo ----------------------------------------------------------------------------

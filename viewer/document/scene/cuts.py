@@ -9,6 +9,7 @@ of it.  Shapes: V vertices, T tets, C control points.
 """
 
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ....core import field as fields
 from ....core.field import SUBTET_COUNT, pack_mask, subtet_corners, subtet_middles, unpack_mask
 from ....core.geometry import tet_neighbours
 from ..history.journal import edit
+from ..rigging.hold import Solved
+from .body import Body
+from .points import ControlPoints
 
 ALL = np.uint64(2**SUBTET_COUNT - 1)
 DIGITS = SUBTET_COUNT // 4  # hexadecimal, of a mask in a session
@@ -23,8 +27,29 @@ LOWEST_PART = 0.05  # of the object's height, that is pinned
 APART = 1.5  # edges of a sub-tet from a control point to matter: farther, the point has gone
 
 
+class PlacedHandles(Protocol):
+    """Handles, of which some may be deleted."""
+
+    points: ControlPoints
+
+    def forget_deleted(self) -> None: ...
+
+
+class Cuttable(Solved, Protocol):
+    """The object of which parts can be deleted."""
+
+    field: fields.TetField  # the whole
+    floor: float
+    pins: np.ndarray  # of a held object  [V] bool
+    held: bool
+    body: Body
+    handles: PlacedHandles
+
+    def let_loose(self) -> None: ...
+
+
 class Cuts:
-    """What is deleted of one scene's object.
+    """What is deleted of one object.
 
     Attributes:
         removed: Sub-tets that are deleted; never changed in place.  [T] uint64
@@ -33,12 +58,12 @@ class Cuts:
         revision: Counts the changes of what is left, previews too.
     """
 
-    def __init__(self, scene):
-        self._scene = scene
+    def __init__(self, whole: Cuttable):
+        self._whole = whole
         self.journal = None  # of the scene, once it has one
-        self.removed = np.zeros(scene.field.mesh.tet_count, np.uint64)
+        self.removed = np.zeros(whole.field.mesh.tet_count, np.uint64)
         self.kept = np.ones(len(self.removed), bool)
-        self.vertices = np.ones(scene.field.mesh.vertex_count, bool)
+        self.vertices = np.ones(whole.field.mesh.vertex_count, bool)
         self.revision = 0
         self._preview = None  # masks [T] uint64
         self._points = None  # for which `points_left` holds, and its value
@@ -54,23 +79,23 @@ class Cuts:
     def left(self):
         """Sub-tets that may hold density.  [T] uint64"""
         gone = self.removed if self._preview is None else self.removed | self._preview
-        return self._scene.field.occupancy & ~gone
+        return self._whole.field.occupancy & ~gone
 
     @property
     def tets(self):
         """Vertices of the tets that are kept.  [T', 4]"""
-        return self._scene.field.mesh.tets[self.kept]
+        return self._whole.field.mesh.tets[self.kept]
 
     @property
     def neighbours(self):
         """The tet across each face of those that are kept, among them.  [T', 4]"""
-        field = self._scene.field
+        field = self._whole.field
         return field.neighbours if self.kept.all() else tet_neighbours(self.tets)
 
     @property
     def field(self) -> fields.TetField:
-        """The scene's field with all its tets, without density where it was deleted."""
-        return replace(self._scene.field, occupancy=self.left)
+        """The whole field with all its tets, without density where it was deleted."""
+        return replace(self._whole.field, occupancy=self.left)
 
     def smaller(self, stiffness, rig_arrays=None) -> fields.TetField:
         """The field of what is left, with these factors of stiffness [V] or None, and this rig."""
@@ -79,15 +104,15 @@ class Cuts:
 
     @property
     def lowest(self) -> float:
-        """The height of the lowest matter that is left, at rest; the scene's floor if all is."""
+        """The height of the lowest matter that is left, at rest; the object's floor if all is."""
         if not self.removed.any():
-            return self._scene.floor
+            return self._whole.floor
         places = self._matter_middles()
-        return max(float(places[:, 2].min()), self._scene.floor)
+        return max(float(places[:, 2].min()), self._whole.floor)
 
     def points_left(self):
         """Which control points are at matter that is left.  [C] bool"""
-        points = self._scene.handles.points
+        points = self._whole.handles.points
         if not self.removed.any():
             return np.ones(len(points), bool)
         key = self.removed, points
@@ -99,7 +124,7 @@ class Cuts:
 
     def _near_matter(self, points):
         """Whether matter that is left is about as near as it was, to each point at rest.  [C]"""
-        field = self._scene.field
+        field = self._whole.field
         mesh, corners = field.mesh, subtet_corners().mean(axis=1)
         near = np.zeros(len(points), bool)
         for number, place in enumerate(points.at(mesh.rest_vertices)):
@@ -114,7 +139,7 @@ class Cuts:
 
     def _matter_middles(self):
         """Middles of all sub-tets that are left, at rest.  [N, 3]"""
-        return subtet_middles(self._scene.field.mesh)[unpack_mask(self.left)]
+        return subtet_middles(self._whole.field.mesh)[unpack_mask(self.left)]
 
     # -- deleting ------------------------------------------------------------------------
 
@@ -156,34 +181,29 @@ class Cuts:
             raise ValueError(f"there is no tet {max(tets)}")
         removed = self.removed.copy()
         removed[np.asarray(tets, int)] |= np.array([int(mask, 16) for mask in masks], np.uint64)
-        if not (self._scene.field.occupancy & ~removed).any():
+        if not (self._whole.field.occupancy & ~removed).any():
             raise ValueError("nothing of the object would be left: undo, or delete less")
-        scene = self._scene
-        scene.handles.release()
-        scene.end_push()
-        scene.posing.end()
-        if scene.timeline.playing:
-            scene.timeline.stop()  # it holds vertices of the solver before
-        was_held = scene.held
+        whole = self._whole
+        whole.let_loose()  # keys hold vertices of the solver before, and would set other pins
+        was_held = whole.held
         self._take(removed)
-        if not (scene.pins & self.vertices).any():
-            scene.pins = self._lowest_part()
-        if was_held and not scene.held:
-            scene.timeline.stop()  # the next key would set other pins
-            scene.solver.set_pinned(scene.solver.pinned | scene.pins)
-        scene.handles.forget_deleted()
+        if not (whole.pins & self.vertices).any():
+            whole.pins = self._lowest_part()
+        if was_held and not whole.held:
+            whole.solver.set_pinned(whole.solver.pinned | whole.pins)
+        whole.handles.forget_deleted()
 
     def _lowest_part(self):
         """The lowest vertices of what is left.  [V] bool"""
         heights = self._matter_middles()[:, 2]
         low, high = float(heights.min()), float(heights.max())
-        rest = self._scene.field.mesh.rest_vertices[:, 2]
+        rest = self._whole.field.mesh.rest_vertices[:, 2]
         limit = max(low + LOWEST_PART * (high - low), float(rest[self.vertices].min()))
         return self.vertices & (rest <= limit)
 
     def _take(self, removed):
         """Let this be deleted: the solver follows if other tets are kept."""
-        field = self._scene.field
+        field = self._whole.field
         self.removed, self._preview = removed, None
         had, has = field.occupancy != 0, (field.occupancy & ~removed) != 0
         kept = fields.nearer_to_matter(field.neighbours, has, had & ~has)
@@ -191,18 +211,18 @@ class Cuts:
             self.kept = kept
             self.vertices = np.zeros(field.mesh.vertex_count, bool)
             self.vertices[self.tets] = True
-            self._scene.body.set_tets(self.tets)
+            self._whole.body.set_tets(self.tets)
         self.revision += 1
 
     # -- undo ----------------------------------------------------------------------------
 
     def state(self) -> dict:
         """What edits change."""
-        return {"removed": self.removed, "pins": self._scene.pins}
+        return {"removed": self.removed, "pins": self._whole.pins}
 
     def restore(self, state: dict) -> None:
         """Return to a state; the solver's positions and pins are restored by others."""
-        self._scene.pins = state["pins"]
+        self._whole.pins = state["pins"]
         if self.removed is not state["removed"] or self._preview is not None:
             self._take(state["removed"])
 

@@ -5,12 +5,16 @@ grabbed, alone or with others that are selected, and pinned with what is around 
 """
 
 import math
+from typing import Protocol
 
 import numpy as np
 
 from ....core.deform import vertices_within
-from ...settings import GRAB_RADII
+from ....core.field import TetField
+from ...settings import GRAB_RADII, Settings
 from ..history.journal import edit
+from ..rigging.hold import Solved
+from .body import Body
 from .grabs import Grab, Motion, soft_springs
 from .points import ControlPoints, located, placed
 from .viewpoint import clean_name
@@ -19,8 +23,54 @@ PATCH_PART = 0.75  # of a soft grab's radius, that is pinned; beyond it, pulls a
 MOST_ADDED = 1000  # points that a user can add
 
 
+class Remaining(Protocol):
+    """What was not deleted."""
+
+    vertices: np.ndarray  # [V] bool
+
+    def points_left(self) -> np.ndarray: ...
+
+
+class HandGrip(Protocol):
+    """What the mouse holds vertices by."""
+
+    def grab(self, ids, *springs) -> None: ...
+    def move(self, targets) -> None: ...
+    def release(self) -> None: ...
+
+
+class StoppedTime(Protocol):
+    """A timeline, which may have stopped time."""
+
+    stands: bool
+
+    def stand(self) -> None: ...
+    def stop(self) -> None: ...
+    def give_way(self) -> None: ...
+
+
+class Grabbable(Solved, Protocol):
+    """The object that has handles."""
+
+    field: TetField
+    size: float
+    handle_radius: float
+    settings: Settings
+    grab_radius: float
+    positions: np.ndarray  # [V, 3]
+    pins: np.ndarray  # of a held object  [V] bool
+    near: np.ndarray  # ids by the surface
+    revision: int
+    body: Body
+    cuts: Remaining
+    grip: HandGrip
+    timeline: StoppedTime
+
+    def keep_in_sight(self) -> None: ...
+
+
 class Handles:
-    """What of a scene can be taken hold of, and is.
+    """What of an object can be taken hold of, and is.
 
     Attributes:
         points: The control points, those that were added behind those of the start.
@@ -32,12 +82,12 @@ class Handles:
         patches: A number for the vertices that were pinned together; 0: none.  [V]
     """
 
-    def __init__(self, scene, surface):
-        """Take a scene, and points of its surface at rest [N, 3]."""
-        self._scene = scene
+    def __init__(self, whole: Grabbable, surface):
+        """Take an object, and points of its surface at rest [N, 3]."""
+        self._whole = whole
         self.journal = None  # of the scene, once it has one
-        mesh = scene.field.mesh
-        self.points = placed(surface, mesh.rest_vertices, mesh.tets, scene.size)
+        mesh = whole.field.mesh
+        self.points = placed(surface, mesh.rest_vertices, mesh.tets, whole.size)
         self.hover: int | None = None
         self.selected: list[int] = []
         self.hidden: list[int] = []
@@ -50,7 +100,7 @@ class Handles:
 
     def at(self, ids, positions=None):
         """Where these handles are, for the vertices' positions [V, 3] or now.  [len(ids), 3]"""
-        positions = self._scene.positions if positions is None else positions
+        positions = self._whole.positions if positions is None else positions
         ids, count = np.asarray(ids, int), len(positions)
         places = positions[np.where(ids < count, ids, 0)].astype(float)
         of_points = ids >= count
@@ -59,13 +109,13 @@ class Handles:
         return places
 
     def exists(self, handle: int) -> bool:
-        return 0 <= handle < len(self._scene.pins) + len(self.points)
+        return 0 <= handle < len(self._whole.pins) + len(self.points)
 
     @property
     def control_ids(self):
         """What can be dragged: points that are not pinned, freed pins, and what is posed."""
-        pins, pinned, near = self._scene.pins, self._scene.solver.pinned, self._scene.near
-        free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._scene.cuts.points_left())
+        pins, pinned, near = self._whole.pins, self._whole.solver.pinned, self._whole.near
+        free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._whole.cuts.points_left())
         freed = near[pins[near] & ~pinned[near] & pinned.any()]
         ids = np.concatenate([len(pins) + free, freed])
         ids = np.append(ids, [one for one in self.posed if one not in ids]).astype(int)
@@ -74,8 +124,8 @@ class Handles:
     @property
     def pin_ids(self):
         """The pins that are drawn: those by the surface."""
-        near = self._scene.near
-        return near[self._scene.solver.pinned[near] & ~self._posed_vertices[near]]
+        near = self._whole.near
+        return near[self._whole.solver.pinned[near] & ~self._posed_vertices[near]]
 
     @property
     def posed(self) -> tuple[int, ...]:
@@ -83,7 +133,7 @@ class Handles:
 
         Their patches are pinned, until they are dragged again, or let go by a click or a reset.
         """
-        pinned = self._scene.solver.pinned
+        pinned = self._whole.solver.pinned
         return tuple(one for one in self._posed if pinned[self.corners(one)].all())
 
     @property
@@ -94,17 +144,17 @@ class Handles:
 
     def corners(self, handle: int):
         """The vertices that a handle is made of.  [1 or 4] ids"""
-        count = len(self._scene.pins)
+        count = len(self._whole.pins)
         return np.array([handle]) if handle < count else self.points.corners[handle - count]
 
     def factors(self, ids):
         """Factors of the stiffness at these control points.  [len(ids)]"""
-        factors, chosen = self._scene.body.factors, np.asarray(ids) - len(self._scene.pins)
+        factors, chosen = self._whole.body.factors, np.asarray(ids) - len(self._whole.pins)
         return self.points.share(factors)[chosen]
 
     def patch(self, handle: int, radius: float):
         """The vertices that go with a handle: its own, and those within a radius at rest.  [K]"""
-        rest = self._scene.field.mesh.rest_vertices
+        rest = self._whole.field.mesh.rest_vertices
         (center,) = self.at([handle], rest)
         return np.union1d(self.corners(handle), vertices_within(rest, center, radius))
 
@@ -133,7 +183,7 @@ class Handles:
         """Select and point at nothing that was deleted."""
         left = {*self.control_ids.tolist(), *self.pin_ids.tolist()}
         self.selected, self.hover = [one for one in self.selected if one in left], None
-        vertices, points = self._scene.cuts.vertices, self._scene.cuts.points_left()
+        vertices, points = self._whole.cuts.vertices, self._whole.cuts.points_left()
         there = np.concatenate([vertices, points])
         self._posed = tuple(one for one in self._posed if there[one])
 
@@ -171,7 +221,7 @@ class Handles:
     @property
     def size(self) -> float:
         """The object's size [model units]."""
-        return self._scene.size
+        return self._whole.size
 
     @property
     def movable(self) -> list[int]:
@@ -191,7 +241,7 @@ class Handles:
     def grab(self, handle: int) -> None:
         """Take hold of a handle and of what is around it; of all that is selected, if it is."""
         others = [one for one in self.movable if one != handle]
-        radius, soft = self._scene.grab_radius, self._scene.settings.soft_grab
+        radius, soft = self._whole.grab_radius, self._whole.settings.soft_grab
         if handle in self.selected and others:
             self._grab_several(handle, others, radius, soft)
         else:
@@ -204,7 +254,7 @@ class Handles:
             self.grab(chosen[0])
             return
         self._grab_pins(
-            chosen[0], chosen[1:], self._scene.grab_radius, self._scene.settings.soft_grab
+            chosen[0], chosen[1:], self._whole.grab_radius, self._whole.settings.soft_grab
         )
 
     @edit("grab_pins", undo="drag", begins=True)
@@ -218,12 +268,12 @@ class Handles:
     def grab_place(self, place) -> None:
         """Take hold of the object at a place of its surface as it is now.  [3]"""
         (corners,), (weights,) = self._located(place)
-        self._grab_place(corners, weights, self._scene.grab_radius, self._scene.settings.soft_grab)
+        self._grab_place(corners, weights, self._whole.grab_radius, self._whole.settings.soft_grab)
 
     @edit("grab_place", undo="drag", begins=True)
     def _grab_place(self, corners, weights, radius, soft):
         self._add_point(corners, weights)
-        self._hold([len(self._scene.pins) + len(self.points) - 1], radius, soft)
+        self._hold([len(self._whole.pins) + len(self.points) - 1], radius, soft)
         self.grabbed.passing = True
 
     @edit("grab_several", undo="drag", begins=True)
@@ -233,9 +283,9 @@ class Handles:
     def _hold(self, handles, radius, soft, takes_pins=False):
         if not all(map(self.exists, handles)):
             raise ValueError(f"there is no handle {max(handles)}")
-        stood = self._scene.timeline.stands
-        self._scene.timeline.give_way()
-        solver = self._scene.solver
+        stood = self._whole.timeline.stands
+        self._whole.timeline.give_way()
+        solver = self._whole.solver
         positions = solver.vertices.numpy().copy()
         before = positions, solver.velocities.numpy().copy()
         held_before = None
@@ -245,7 +295,7 @@ class Handles:
             held_before = solver.pinned.copy(), self.patches.copy()
             self._free(posed | pins)
         (start,) = self.at(handles[:1], positions)
-        yields = math.isfinite(self._scene.body.material.yield_strain)
+        yields = math.isfinite(self._whole.body.material.yield_strain)
         lengths = solver.rest_lengths if yields else None
         center = self.at(handles, positions).mean(axis=0)
         motion = Motion(start, center - start)
@@ -256,30 +306,30 @@ class Handles:
 
     def _attach(self, radius, positions):
         """Hold what is within a radius of the handles, as it is now."""
-        grab, solver = self.grabbed, self._scene.solver
+        grab, solver = self.grabbed, self._whole.solver
         ids = np.unique(np.concatenate([self.patch(one, radius) for one in grab.handles]))
         ids = ids[~solver.pinned[ids]]
         if grab.soft:
-            rest = self._scene.field.mesh.rest_vertices
+            rest = self._whole.field.mesh.rest_vertices
             ids, springs = soft_springs(solver, self.at(grab.handles, rest), ids, radius)
-            self._scene.grip.grab(ids, *springs)
+            self._whole.grip.grab(ids, *springs)
         else:
-            self._scene.grip.grab(ids)
+            self._whole.grip.grab(ids)
         grab.ids, grab.radius = ids, radius
         grab.offsets = grab.reached.undone(positions[ids])
 
     def widen(self, factor: float) -> None:
         """Hold more or less than until now, around the same handles."""
-        radius = self.grabbed.radius / self._scene.size * factor
-        smallest = 0.5 * self._scene.handle_radius / self._scene.size
-        self._scene.settings.grab_radius = min(max(radius, smallest), GRAB_RADII[1])
-        self._widen(self._scene.grab_radius)
+        radius = self.grabbed.radius / self._whole.size * factor
+        smallest = 0.5 * self._whole.handle_radius / self._whole.size
+        self._whole.settings.grab_radius = min(max(radius, smallest), GRAB_RADII[1])
+        self._widen(self._whole.grab_radius)
 
     @edit("widen")
     def _widen(self, radius):
         if self.grabbed is not None:
-            self._scene.grip.release()
-            self._attach(radius, self._scene.solver.vertices.numpy().copy())
+            self._whole.grip.release()
+            self._attach(radius, self._whole.solver.vertices.numpy().copy())
 
     def drag_to(self, target) -> None:
         """Send the grabbed handle to a point [3]; exact grabs reach it in the next frame."""
@@ -327,12 +377,12 @@ class Handles:
 
     def _reach(self, motion):
         self.grabbed.reached = motion
-        self._scene.grip.move(motion.applied(self.grabbed.offsets))
+        self._whole.grip.move(motion.applied(self.grabbed.offsets))
 
     @edit("release")
     def release(self) -> None:
         if self.grabbed is not None:
-            self._scene.grip.release()
+            self._whole.grip.release()
             if self.grabbed.passing:
                 self.points = self.points.without_last()
             self.grabbed = None
@@ -347,7 +397,7 @@ class Handles:
 
     def let_go(self) -> None:
         """Let go of what is held; in *Pose* it stays where it is, and what was pinned always."""
-        if self._scene.settings.hand == "pose":
+        if self._whole.settings.hand == "pose":
             self._pose_grab(self._pin_radius)
         elif self.grabbed is not None and self.grabbed.pins:
             self._pin_again(self._pin_radius)
@@ -371,32 +421,32 @@ class Handles:
     @edit("choose_hand", undo="{hand}")
     def choose_hand(self, hand: str) -> None:
         """Choose one of HANDS."""
-        self._scene.settings.hand = hand
+        self._whole.settings.hand = hand
 
     @edit("cancel")
     def cancel(self) -> None:
         """Let go; pose, velocities and a time that stood still are as before the grab."""
-        scene, grab = self._scene, self.grabbed
+        whole, grab = self._whole, self.grabbed
         self.release()
         if grab is None:
             return
-        scene.settings.grab_radius = grab.first_radius / scene.size
-        scene.journal.forget_step("drag")
+        whole.settings.grab_radius = grab.first_radius / whole.size
+        self.journal.forget_step("drag")
         if grab.held_before is not None:
             pinned, self.patches = grab.held_before
-            scene.solver.set_pinned(pinned)
-        scene.solver.set_state(*grab.before)
+            whole.solver.set_pinned(pinned)
+        whole.solver.set_state(*grab.before)
         if grab.rest_lengths is not None:
-            scene.solver.set_rest_lengths(grab.rest_lengths)
+            whole.solver.set_rest_lengths(grab.rest_lengths)
         if grab.stood:
-            scene.timeline.stand()
-        scene.revision += 1
+            whole.timeline.stand()
+        whole.revision += 1
 
     # -- pins ----------------------------------------------------------------------------
 
     @property
     def _pin_radius(self):
-        return self._scene.grab_radius * (PATCH_PART if self._scene.settings.soft_grab else 1.0)
+        return self._whole.grab_radius * (PATCH_PART if self._whole.settings.soft_grab else 1.0)
 
     def pin_grab(self) -> None:
         """Let go, and pin the patch that was held where it is."""
@@ -414,7 +464,7 @@ class Handles:
         self._set_pin(handle, pinned, self._pin_radius)
 
     def is_pinned(self, handle: int) -> bool:
-        return bool(self._scene.solver.pinned[self.corners(handle)].all())
+        return bool(self._whole.solver.pinned[self.corners(handle)].all())
 
     def set_pins(self, handles: list[int], pinned: bool) -> None:
         """Pin several handles with their patches, or free them, as one step."""
@@ -429,28 +479,28 @@ class Handles:
     def _set_pin(self, vertex, pinned, radius):
         if not self.exists(vertex):
             raise ValueError(f"there is no handle {vertex}")
-        scene = self._scene
-        scene.timeline.stop()  # the next key would set other pins
+        whole = self._whole
+        whole.timeline.stop()  # the next key would set other pins
         if pinned:
-            pins, patch = scene.solver.pinned.copy(), self.patch(vertex, radius)
+            pins, patch = whole.solver.pinned.copy(), self.patch(vertex, radius)
             patch = patch[~pins[patch]]
             self.patches[patch] = self.patches.max() + 1
             pins[patch] = True
-            scene.solver.set_pinned(pins)
+            whole.solver.set_pinned(pins)
             self._posed = tuple(one for one in self._posed if one != vertex)
         else:
             self._free([vertex])
         self.hover = None
-        scene.keep_in_sight()
+        whole.keep_in_sight()
 
     def _free(self, handles):
         """Free the patches of these handles."""
-        pins = self._scene.solver.pinned.copy()
+        pins = self._whole.solver.pinned.copy()
         for handle in handles:
             number = self.patches[self.corners(handle)].max()
             patch = self.patches == number if number else self.corners(handle)
             pins[patch], self.patches[patch] = False, 0
-        self._scene.solver.set_pinned(pins)
+        self._whole.solver.set_pinned(pins)
 
     def free_posed(self) -> None:
         """Let all posed handles go."""
@@ -467,12 +517,12 @@ class Handles:
         """Make a control point at a place of the surface as it is now [3]; returns its id."""
         (corners,), (weights,) = self._located(place)
         self._add_point(corners, weights)
-        return len(self._scene.pins) + len(self.points) - 1
+        return len(self._whole.pins) + len(self.points) - 1
 
     def _located(self, place):
         """Corners and weights of a place in its tet.  [1, 4], [1, 4]"""
-        tets = self._scene.field.mesh.tets
-        point = located([place], self._scene.solver.vertices.numpy(), tets)
+        tets = self._whole.field.mesh.tets
+        point = located([place], self._whole.solver.vertices.numpy(), tets)
         return point.corners, point.weights
 
     @edit("add_point", undo="new point")
@@ -489,12 +539,12 @@ class Handles:
         kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
         if self.grabbed is not None and self.grabbed.passing:
             kept["points"] = self.points.without_last()
-        return kept | {"patches": self.patches.copy(), "hand": self._scene.settings.hand}
+        return kept | {"patches": self.patches.copy(), "hand": self._whole.settings.hand}
 
     def restore(self, state: dict) -> None:
         """Return to a state."""
         own = dict(state)
-        self._scene.settings.hand = own.pop("hand")
+        self._whole.settings.hand = own.pop("hand")
         vars(self).update(own)
         self.patches = self.patches.copy()
         self.selected = [one for one in self.selected if self.exists(one)]

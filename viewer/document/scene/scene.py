@@ -66,9 +66,9 @@ class Scene:
         factors = None if field.stiffness is None else field.stiffness.astype(float)
         self.body = Body(rest, tets, self.pins, self.size, meters, device, factors)
         self.cuts = Cuts(self)
-        self.grip = Hold(self)  # by the mouse and by bones
+        self.grip = Hold(self.body)  # by the mouse and by bones
         self.rigging = Rigging(self, rig_of(field, name))
-        self.posing = Posing(self)
+        self.posing = Posing(self, self.rigging)
         self._nearest = nearest_vertices(self._surface, rest)  # [N], of each point
         of_object = of_the_object(rest, tets)  # [V]
         near = np.unique(self._nearest)
@@ -112,6 +112,11 @@ class Scene:
     def solver(self):
         """Moves the vertices; another one after tets were deleted."""
         return self.body.solver
+
+    @property
+    def pinned(self):
+        """Which vertices are pinned, those too that keys or bones move meanwhile.  [V] bool"""
+        return self.solver.pinned | self.timeline.taken_pins | self.posing.taken_pins
 
     @property
     def near(self):
@@ -320,6 +325,28 @@ class Scene:
             self.ball = None
             self.body.set_options(colliders=())
 
+    # -- who moves it --------------------------------------------------------------------
+
+    def hands_off(self) -> None:
+        """Let go of what the mouse holds, and take the ball away."""
+        self.handles.release()
+        self.end_push()
+
+    def let_loose(self) -> None:
+        """Neither hand nor ball nor bones nor keys move the object any more."""
+        self.hands_off()
+        self.posing.end()
+        self.timeline.stop()
+
+    def make_way(self, soft: bool) -> None:
+        """Let bones move the object: all of it while time stands still, or some if it is soft."""
+        self.end_push()
+        if soft:
+            self.timeline.give_way()
+        else:
+            self.handles.release()
+            self.timeline.stand_still()
+
     # -- the object ----------------------------------------------------------------------
 
     @property
@@ -370,13 +397,11 @@ class Scene:
     @edit("undo")
     def undo(self) -> bool:
         """Take back the last step; whether there was one."""
-        self.handles.release()
-        self.end_push()
+        self.hands_off()
         return self.journal.undo()
 
     @edit("redo")
     def redo(self) -> bool:
         """Do again what was undone last; whether there was something."""
-        self.handles.release()
-        self.end_push()
+        self.hands_off()
         return self.journal.redo()

@@ -5,6 +5,7 @@ are saved under a name are edits.
 """
 
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
@@ -24,11 +25,28 @@ def clean_name(text: str) -> str:
     return "".join(filter(str.isprintable, text)).strip()[:LONGEST_NAME]
 
 
-class Viewpoint:
-    """The camera of one scene; `orbit` is what it is now."""
+class Pointed(Protocol):
+    """Handles, perhaps one under the mouse."""
 
-    def __init__(self, scene):
-        self._scene = scene
+    hover: int | None
+
+    def at(self, ids) -> np.ndarray: ...
+
+
+class Viewed(Protocol):
+    """The object that is looked at."""
+
+    center: np.ndarray  # at rest  [3]
+    size: float
+    seen_points: np.ndarray  # [N, 3]
+    handles: Pointed
+
+
+class Viewpoint:
+    """The camera of one object; `orbit` is what it is now."""
+
+    def __init__(self, viewed: Viewed):
+        self._viewed = viewed
         self.journal = None
         self.orbit = FIRST_VIEW
         self.saved = {}  # name: the values of an Orbit, as JSON has them; never changed in place
@@ -38,30 +56,28 @@ class Viewpoint:
 
     def home(self) -> None:
         """The first view: the whole object at rest; what is up stays, and parallel rays do."""
-        scene = self._scene
         first = replace(FIRST_VIEW, up=self.orbit.up, parallel=self.orbit.parallel)
-        self.orbit = framed(first, scene.center, MARGIN * scene.size)
+        self.orbit = framed(first, self._viewed.center, MARGIN * self._viewed.size)
 
     def focus(self) -> None:
         """Frame the object as it is now, or turn about the vertex under the mouse."""
-        scene = self._scene
-        if scene.handles.hover is not None:
-            (target,) = scene.handles.at([scene.handles.hover])
+        handles = self._viewed.handles
+        if handles.hover is not None:
+            (target,) = handles.at([handles.hover])
             self.orbit = replace(self.orbit, target=target)
             return
-        low, high = bounds(scene.seen_points)
+        low, high = bounds(self._viewed.seen_points)
         radius = MARGIN * float((high - low).max())
         self.orbit = framed(self.orbit, 0.5 * (low + high), radius)
 
     @property
     def depth_range(self) -> tuple[float, float]:
         """Distances from the eye between which the object lies at rest, whatever its shape."""
-        scene = self._scene
-        pose = pose_of(self.orbit)
-        away = float(np.linalg.norm(pose[:3, 3] - scene.center))
+        viewed, pose = self._viewed, pose_of(self.orbit)
+        away = float(np.linalg.norm(pose[:3, 3] - viewed.center))
         if self.orbit.parallel:
-            away = float((pose[:3, 3] - scene.center) @ pose[:3, 2])
-        return max(away - DEPTH_PART * scene.size, 0.0), away + DEPTH_PART * scene.size
+            away = float((pose[:3, 3] - viewed.center) @ pose[:3, 2])
+        return max(away - DEPTH_PART * viewed.size, 0.0), away + DEPTH_PART * viewed.size
 
     @property
     def orbit(self) -> Orbit:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from platformdirs import user_state_path
 
-from .session import SessionError, append_events, mesh_hash, read_header, save_session
+from .session import OpenObject, SessionError, append_events, mesh_hash, read_header, save_session
 
 SECONDS = 5.0  # between two looks for edits
 SHARE = 0.02  # of the time that writing may take
@@ -25,16 +25,16 @@ def autosave_folder() -> Path:
 
 
 class Autosave:
-    """Keeps the session of one scene in a file."""
+    """Keeps the session of one object in a file."""
 
-    def __init__(self, scene, start: dict, kept_in: Path, clock=time.monotonic):
-        """Take a scene that had this `start` (session.start_of), and a folder."""
-        self.path = kept_in / f"{scene.name}-{os.getpid()}-{time.time_ns()}.jsonl"
+    def __init__(self, opened: OpenObject, start: dict, kept_in: Path, clock=time.monotonic):
+        """Take an object that had this `start` (session.start_of), and a folder."""
+        self.path = kept_in / f"{opened.name}-{os.getpid()}-{time.time_ns()}.jsonl"
         self.failed = False  # as on a full disk: the file is not whole
         self.kept = False  # for another start, though the viewer ends in order
         self._told: list[str] = []  # sentences about what the file can't have
-        self._scene, self._start, self._clock = scene, start, clock
-        self._saved = len(scene.journal.events)  # so many need no saving
+        self._opened, self._start, self._clock = opened, start, clock
+        self._saved = len(opened.journal.events)  # so many need no saving
         self._written = 0  # events that the file has
         self._next = clock() + SECONDS
 
@@ -65,14 +65,14 @@ class Autosave:
         Raises:
             OSError: It can't be written.
         """
-        count, tell = len(self._scene.journal.events), self._told.append
+        count, tell = len(self._opened.journal.events), self._told.append
         grows = 0 < self._written <= count and not self.failed and self.path.exists()
         self.failed = True  # until it is whole: an interrupt may come
         if grows:
-            append_events(self._scene, self.path, self._written, tell)
+            append_events(self._opened, self.path, self._written, tell)
         else:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            save_session(self._scene, self._start, self.path, tell)
+            save_session(self._opened, self._start, self.path, tell)
         self._saved = self._written = count
         self.failed = False
 
@@ -94,7 +94,7 @@ class Autosave:
         Returns:
             Sentences for the user.
         """
-        self.kept = self._scene.journal.unsaved
+        self.kept = self._opened.journal.unsaved
         if not self.kept:
             return []
         sentences = self.write()
@@ -115,7 +115,7 @@ class Autosave:
 
     def _has_news(self):
         """Whether something was done since, but for views."""
-        events = self._scene.journal.events
+        events = self._opened.journal.events
         saved = self._saved if self._saved <= len(events) else 0  # another session has begun
         return any(event.name != "view" for event in events[saved:])
 
@@ -124,7 +124,7 @@ class Autosave:
 
         What is done from now on is kept anew.
         """
-        self._saved, self._written = len(self._scene.journal.events), 0
+        self._saved, self._written = len(self._opened.journal.events), 0
         try:
             self.path.unlink(missing_ok=True)
         except OSError:

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -31,9 +31,9 @@ from ....core.base.paths import BUNDLED, program_version, whole_file
 from ....core.base.reading import open_file
 from ....core.base.schema import integer
 from ....core.base.streams import printable, shown
-from ....core.deform import FIRST_INTEGRATOR
+from ....core.deform import FIRST_INTEGRATOR, XpbdSolver
 from ....core.field import TetField
-from ..history.journal import EDITS, Event
+from ..history.journal import EDITS, Event, Journal
 from ..scene.scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
 from .session_values import bad_arguments
@@ -50,6 +50,16 @@ LONGEST_LINE = 32 * 2**20  # bytes; an edit that deletes all of a million tets h
 
 class SessionError(ValueError):
     """A file is no session, or not one of this model; the message is one sentence."""
+
+
+class OpenObject(Protocol):
+    """The object that is open, and what was done to it."""
+
+    name: str
+    source: Path | None
+    field: TetField
+    solver: XpbdSolver
+    journal: Journal
 
 
 @dataclass(frozen=True)
@@ -106,8 +116,8 @@ def start_of(scene: Scene) -> dict:
     }
 
 
-def save_session(scene, start: dict, path: Path, tell: Callable = log.warning) -> Path:
-    """Write what was done to a scene since it had this `start`.
+def save_session(opened: OpenObject, start: dict, path: Path, tell: Callable = log.warning) -> Path:
+    """Write what was done to an object since it had this `start`.
 
     What no reader would take is left out: `tell` gets a sentence then.
 
@@ -115,21 +125,21 @@ def save_session(scene, start: dict, path: Path, tell: Callable = log.warning) -
         SessionError: It is longer than those that can be read.
         OSError: The file can't be written; one that was there before stays.
     """
-    _check_length(scene.journal)
-    mesh = scene.field.mesh
+    _check_length(opened.journal)
+    mesh = opened.field.mesh
     header = {
         KEY: VERSION,
         "program": program_version(),
-        "model": scene.name,
-        "file": name_of_model(scene.source, path),
+        "model": opened.name,
+        "file": name_of_model(opened.source, path),
         "vertices": mesh.vertex_count,
         "tets": mesh.tet_count,
         "rest": mesh_hash(mesh),
-        "device": str(scene.solver.device),
-        "ticks": scene.journal.tick,
+        "device": str(opened.solver.device),
+        "ticks": opened.journal.tick,
         "start": kept_start(start, mesh.vertex_count, left_out := []),
     }
-    text = line_of(header) + event_lines(scene.journal.events, mesh.vertex_count, left_out)
+    text = line_of(header) + event_lines(opened.journal.events, mesh.vertex_count, left_out)
     with whole_file(Path(path)) as partial, open(partial, "w", encoding="utf-8") as file:
         file.write(text)
     tell_left_out(left_out, tell)
@@ -147,16 +157,18 @@ def name_of_model(source: Path | None, session: Path) -> str | None:
     return Path(name).as_posix()
 
 
-def append_events(scene, path: Path, written: int, tell: Callable = log.warning) -> None:
+def append_events(
+    opened: OpenObject, path: Path, written: int, tell: Callable = log.warning
+) -> None:
     """Add the events behind the first `written` ones to a session's file, as `save_session` does.
 
     Raises:
         SessionError: The session is longer than those that can be read.
         OSError: The file can't be written.
     """
-    _check_length(scene.journal)
-    events = scene.journal.events[written:]
-    text = event_lines(events, scene.field.mesh.vertex_count, left_out := [])
+    _check_length(opened.journal)
+    events = opened.journal.events[written:]
+    text = event_lines(events, opened.field.mesh.vertex_count, left_out := [])
     with open(path, "a", encoding="utf-8") as file:
         file.write(text)
     tell_left_out(left_out, tell)

@@ -4,9 +4,11 @@ Shapes: V vertices, K that are moved.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from ....core.deform import XpbdSolver
 from . import keys as k
 
 
@@ -20,17 +22,30 @@ class Drive:
     pins: np.ndarray  # those of them that are pinned otherwise  [V] bool
 
 
-class Driver:
-    """What of one scene is moved; nothing, until `move`."""
+class Gripped(Protocol):
+    """What a hand holds."""
 
-    def __init__(self, scene):
-        self._scene = scene
+    hand: np.ndarray  # ids
+
+
+class Driven(Protocol):
+    """What physics moves between two poses."""
+
+    solver: XpbdSolver
+    grip: Gripped
+
+
+class Driver:
+    """What of one object is moved; nothing, until `move`."""
+
+    def __init__(self, driven: Driven):
+        self._driven = driven
         self._drive: Drive | None = None
 
     @property
     def taken_pins(self):
         """Pins that are moved, and so aren't the solver's.  [V] bool"""
-        none = np.zeros(len(self._scene.solver.pinned), bool)
+        none = np.zeros(len(self._driven.solver.pinned), bool)
         return none if self._drive is None else self._drive.pins
 
     def move(self, keys, tick: int) -> None:
@@ -40,14 +55,14 @@ class Driver:
         if drive is None or drive.first is not first or drive.second is not second:
             drive = self._drive = self._begin(first, second)
         places = k.vertices_at((first, second), tick + 1)[drive.ids]
-        self._scene.solver.move(places.astype(float))
+        self._driven.solver.move(places.astype(float))
 
     def _begin(self, first, second):
         moves = (first.vertices != second.vertices).any(axis=1)
         driven = (first.held | second.held) & (moves | ~first.pinned)
         ids = np.flatnonzero(driven)
         self.set_pins(first.pinned & ~driven)
-        self._scene.solver.grab(ids)
+        self._driven.solver.grab(ids)
         return Drive(first, second, ids, driven & first.pinned)
 
     def breaks(self, keys) -> bool:
@@ -57,16 +72,16 @@ class Driver:
 
     def end(self, head: int) -> None:
         """Give back what is moved; what is pinned stays where it has come to."""
-        scene, drive = self._scene, self._drive
+        solver, drive = self._driven.solver, self._drive
         if drive is None:
             return
         arrived = head >= drive.second.tick
-        pins = drive.second.pinned if arrived else scene.solver.pinned | drive.pins
+        pins = drive.second.pinned if arrived else solver.pinned | drive.pins
         self._drive = None
-        if scene.handles.grabbed is None:
-            scene.solver.release()
+        if not len(self._driven.grip.hand):
+            solver.release()
         self.set_pins(pins)
 
     def set_pins(self, pinned) -> None:
-        if not np.array_equal(pinned, self._scene.solver.pinned):
-            self._scene.solver.set_pinned(pinned)
+        if not np.array_equal(pinned, self._driven.solver.pinned):
+            self._driven.solver.set_pinned(pinned)

@@ -8,13 +8,16 @@ from the edits, so that a session plays again to the bit.
 
 import warnings
 from dataclasses import asdict, replace
+from typing import Protocol
 
 import numpy as np
 
+from ....core.deform import Material
+from ....wings.rig import BonePose, Skeleton
 from ...camera import Orbit, changed, turned_to
 from ..history.journal import edit
 from . import keys as k
-from .driving import Driver
+from .driving import Driven, Driver
 
 TRACKS = "camera", "pose"
 MOTIONS = "interpolation", "physics"
@@ -23,8 +26,48 @@ MOST_KEYS, MOST_POSES = 500, 32  # of a track
 TURN_KEYS = 4  # of a whole turn: between two of them, the shorter way has to be the right one
 
 
+class OfMaterial(Protocol):
+    """A body."""
+
+    material: Material
+
+    def set_material(self, **changes) -> None: ...
+
+
+class Boned(Protocol):
+    """A rig."""
+
+    skeleton: Skeleton | None
+
+
+class PosedBones(Protocol):
+    """Bones that a hand, a clip or a key has posed."""
+
+    soft: bool
+    drives: bool
+    shows_vertices: bool
+    current: BonePose
+
+    def show_pose(self, pose: BonePose, at_once: bool) -> bool: ...
+    def end(self) -> None: ...
+
+
+class Keyed(Driven, Protocol):
+    """What keys take up, and move."""
+
+    pinned: np.ndarray  # [V] bool
+    paused: bool
+    orbit: Orbit
+    revision: int
+    body: OfMaterial
+    rigging: Boned
+    posing: PosedBones
+
+    def hands_off(self) -> None: ...
+
+
 class Timeline:
-    """The timeline of one scene.
+    """The timeline of one object.
 
     Attributes:
         keys: Those of each track, sorted by tick: {"camera": (...), "pose": (...)}.
@@ -33,15 +76,15 @@ class Timeline:
         stands: Whether time stands still because the timeline shows a pose.
     """
 
-    def __init__(self, scene):
+    def __init__(self, keyed: Keyed):
         self.journal = None  # of the scene, once it has one
         self.keys = dict.fromkeys(TRACKS, ())
         self.poses: tuple[k.SavedPose, ...] = ()
         self.loop, self.motion = False, MOTIONS[0]
         self.head = 0
         self.playing = self.stands = False
-        self._scene = scene
-        self._driver = Driver(scene)
+        self._keyed = keyed
+        self._driver = Driver(keyed)
 
     @property
     def end(self) -> int:
@@ -57,12 +100,12 @@ class Timeline:
     def _waits(self):
         """Whether it plays by physics while time stands still."""
         by_physics = self.motion == "physics" or self._is_soft
-        return bool(self.keys["pose"]) and by_physics and self._scene.paused
+        return bool(self.keys["pose"]) and by_physics and self._keyed.paused
 
     @property
     def _is_soft(self):
         """Whether bones move some of the object, and the solver the rest, at this tick."""
-        return self._scene.posing.soft and self.bones_at(self.head) is not None
+        return self._keyed.posing.soft and self.bones_at(self.head) is not None
 
     def orbit_at(self, tick: float) -> Orbit:
         """The camera at any time, if there are camera keys."""
@@ -84,7 +127,7 @@ class Timeline:
 
     @edit("key", undo="key at tick {tick}")
     def key(self, tick: int, orbit: dict | None, pose: bool) -> None:
-        """Key a camera, if one is given, and the pose that the scene has now, if wanted.
+        """Key a camera, if one is given, and the pose of now, if wanted.
 
         Args:
             orbit: The values of an Orbit (`asdict`).
@@ -96,16 +139,15 @@ class Timeline:
             self._set("pose", k.with_key(self.keys["pose"], self._pose_now(tick)))
 
     def _pose_now(self, tick):
-        scene = self._scene
-        pinned = scene.solver.pinned | self.taken_pins | scene.posing.taken_pins
+        keyed, posing = self._keyed, self._keyed.posing
+        pinned = keyed.pinned
         held = pinned.copy()
-        if scene.handles.grabbed is not None:
-            held[scene.handles.grabbed.ids] = True
-        vertices = scene.solver.vertices.numpy().copy()
+        held[keyed.grip.hand] = True
+        vertices = keyed.solver.vertices.numpy().copy()
         easing, bones = self._easing("pose", tick), None
-        if scene.posing.drives and not scene.posing.shows_vertices:
-            bones = k.Bones(scene.rigging.skeleton, scene.posing.current)
-        return k.PoseKey(tick, vertices, pinned, held, scene.body.material, easing, bones)
+        if posing.drives and not posing.shows_vertices:
+            bones = k.Bones(keyed.rigging.skeleton, posing.current)
+        return k.PoseKey(tick, vertices, pinned, held, keyed.body.material, easing, bones)
 
     def _easing(self, track, tick):
         """That of the key before: one that is added goes on as the way was."""
@@ -192,7 +234,7 @@ class Timeline:
         if self.keys["pose"] and self.motion == "interpolation" and not self._is_soft:
             self.stand()  # the pose stays, when the end is reached
         elif self.keys["pose"]:
-            self._scene.paused = False
+            self._keyed.paused = False
         self.playing = self.end > 0
 
     @edit("stop")
@@ -221,8 +263,8 @@ class Timeline:
         self._stop_time()
 
     def _stop_time(self):
-        stands = self.stands or not self._scene.paused
-        self._scene.paused = True
+        stands = self.stands or not self._keyed.paused
+        self._keyed.paused = True
         self.stands = stands
 
     @property
@@ -235,7 +277,7 @@ class Timeline:
         """A hand takes hold: nothing plays, and time goes on if the timeline stopped it."""
         self._end()
         if self.stands:
-            self._scene.paused = False
+            self._keyed.paused = False
 
     def advance(self) -> bool:
         """A tick begins.  Returns whether the pose after it is set, so that no step is needed."""
@@ -245,7 +287,8 @@ class Timeline:
         if ends or not self.end:
             self._end()
             return False
-        driven = self.keys["pose"] and self.motion == "physics" and self._moves_vertices
+        by_physics = self.keys["pose"] and self.motion == "physics"
+        driven = by_physics and self.bones_at(self.head) is None  # not the way of bones
         if self._waits:
             return False
         with self.journal.unrecorded(), warnings.catch_warnings():
@@ -269,32 +312,32 @@ class Timeline:
     def _show(self):
         self._show_camera()
         self._show_pose()
-        self._scene.revision += 1
+        self._keyed.revision += 1
 
     def _show_camera(self):
         if self.keys["camera"]:
-            self._scene.orbit = self.orbit_at(self.head)
-            self.journal.forget_view(asdict(self._scene.orbit))
+            self._keyed.orbit = self.orbit_at(self.head)
+            self.journal.forget_view(asdict(self._keyed.orbit))
 
     def _show_pose(self):
         """Set vertices, pins and material as the keys have them; returns whether there are any."""
-        scene, keys = self._scene, self.keys["pose"]
+        keyed, keys = self._keyed, self.keys["pose"]
         if not keys:
             return False
         self._driver.end(self.head)
         self._take_material(self.head)
         bones = self.bones_at(self.head)
         if bones is not None:
-            return scene.posing.show_pose(bones, at_once=not self.playing)
-        scene.posing.end()
-        scene.solver.stand(k.vertices_at(keys, self.head))
+            return keyed.posing.show_pose(bones, at_once=not self.playing)
+        keyed.posing.end()
+        keyed.solver.stand(k.vertices_at(keys, self.head))
         self._driver.set_pins(k.around(keys, self.head)[0].pinned)
         return True
 
     def _take_material(self, tick):
         material = k.material_at(self.keys["pose"], tick)
-        if material != self._scene.body.material:
-            self._scene.body.set_material(**asdict(material))
+        if material != self._keyed.body.material:
+            self._keyed.body.set_material(**asdict(material))
 
     @property
     def taken_pins(self):
@@ -304,17 +347,12 @@ class Timeline:
     # -- bones ---------------------------------------------------------------------------
 
     def bones_at(self, tick: float):
-        """The pose of the scene's bones that the keys around a tick have, or None."""
-        keys, skeleton = self.keys["pose"], self._scene.rigging.skeleton
+        """The pose of the object's bones that the keys around a tick have, or None."""
+        keys, skeleton = self.keys["pose"], self._keyed.rigging.skeleton
         return k.bones_at(keys, tick, skeleton) if keys and skeleton is not None else None
 
-    @property
-    def _moves_vertices(self):
-        """Whether the way from this tick on is that of vertices, not of bones."""
-        return self.bones_at(self.head) is None
-
     def span_of_bones(self) -> tuple[int, int]:
-        """The first and the last tick between which all keys have poses of the scene's bones.
+        """The first and the last tick between which all keys have poses of the object's bones.
 
         Raises:
             ValueError: There are no two such keys.
@@ -330,11 +368,10 @@ class Timeline:
         self._driver.end(self.head)
         moved, self.playing = self.moves_camera, False
         if moved:  # from here on, the views that are recorded say where the camera is
-            self.journal.note_view(asdict(self._scene.orbit))
+            self.journal.note_view(asdict(self._keyed.orbit))
 
     def _let_go(self):
-        self._scene.handles.release()
-        self._scene.end_push()
+        self._keyed.hands_off()
         self._end()
 
     # -- saved poses ---------------------------------------------------------------------
@@ -342,7 +379,7 @@ class Timeline:
     @edit("save_pose", undo="save the pose {name}")
     def save_pose(self, name: str) -> None:
         """Keep the pose under a name; one that has it is replaced."""
-        vertices = self._scene.solver.vertices.numpy().copy()
+        vertices = self._keyed.solver.vertices.numpy().copy()
         others = [pose for pose in self.poses if pose.name != name]
         if len(others) >= MOST_POSES:
             raise ValueError(f"{MOST_POSES} poses are saved; delete one first")
@@ -358,13 +395,13 @@ class Timeline:
     def blend_pose(self, name: str, weight: float) -> None:
         """Give a saved pose a weight, and show the rest shape plus all weighted differences."""
         changed = replace(self._saved(name), weight=weight)
-        scene = self._scene
+        keyed = self._keyed
         self._let_go()
-        scene.posing.end()
+        keyed.posing.end()
         self.poses = tuple(changed if pose.name == name else pose for pose in self.poses)
-        scene.solver.set_state(k.blend(scene.solver.rest_shape, self.poses))
+        keyed.solver.set_state(k.blend(keyed.solver.rest_shape, self.poses))
         self.stand()
-        scene.revision += 1
+        keyed.revision += 1
 
     def _saved(self, name):
         pose = next((pose for pose in self.poses if pose.name == name), None)
@@ -383,7 +420,7 @@ class Timeline:
         """Return to a state; nothing plays."""
         self._end()
         if self.stands and not state["stands"]:
-            self._scene.paused = False
+            self._keyed.paused = False
         elif state["stands"]:
             self.stand()
         vars(self).update(state)
