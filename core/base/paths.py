@@ -11,6 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]  # the checkout, or site-packages/def
 SHADERS = ROOT / "shaders"
 ASSETS = ROOT / "assets"
 BUNDLED = {name: ASSETS / f"{name}.npz" for name in ("helmet", "fox")}  # models
+PROJECT = ".deformrf"  # the ending of a project's name
 DEFAULT_MODEL = BUNDLED["helmet"]
 
 
