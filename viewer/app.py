@@ -13,12 +13,13 @@ from pathlib import Path
 import pyglet
 from pyglet.window import key
 
+from ..core.base.paths import PROJECT
 from . import logs, panels, playing, preferences, questions, showing
 from .camera import Covered, clip_range
-from .document import Autosave, Session, Strip, autosave_folder
+from .document import Autosave, Project, Session, Strip, autosave_folder
 from .events import state_of
 from .files import Problem, open_asked
-from .films import Recorder, Takes, without_background
+from .films import Recorder, Takes, stamped, without_background
 from .input import ACTIONS, action_of, placed_photograph
 from .layers import (
     Canvas,
@@ -57,6 +58,7 @@ class App:
         self.takes = Takes(self)
         self.frame_count = 0
         self.autosave = self.left_behind = None  # see autosave.py
+        self.project: Path | None = None  # the file that `save_project` writes by default
         self.preferences = kept or preferences.Preferences()
         self.train_job = None  # that a dialog began: train_job.py
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
@@ -128,9 +130,9 @@ class App:
         self.canvas.show()
         self.window.flip()
 
-    def play(self, session: Session, said: str = "") -> bool:
+    def play(self, session: Session, said: str = "", project: Project | None = None) -> bool:
         """Go on where a session ended, as playing.play does."""
-        return playing.play(self, session, said)
+        return playing.play(self, session, said, project)
 
     def recover(self) -> None:
         """Go on with the session that was left behind."""
@@ -332,6 +334,19 @@ class App:
         """Write the session into the current folder; returns a sentence if that fails."""
         problem = self.recorder.save_session(self.scene, self.session_start)
         if not problem:
+            self.saved()
+        return problem
+
+    def save_project(self, path: Path | None = None) -> str:
+        """Write a project, by default the one that is open, else one in the current folder.
+
+        Returns:
+            A sentence if that fails, else an empty string.
+        """
+        path = path or self.project or stamped("project", PROJECT)
+        problem = self.recorder.save_project(self.scene, self.session_start, path)
+        if not problem:
+            self.project = path.absolute()
             self.saved()
         return problem
 

@@ -12,6 +12,7 @@ from . import panels
 from .document import (
     Patience,
     Player,
+    Project,
     Session,
     begin_anew,
     open_session,
@@ -29,7 +30,7 @@ class _Stopped(Exception):
     """The user has ended the playing."""
 
 
-def play(app, session: Session, said: str = "") -> bool:
+def play(app, session: Session, said: str = "", project: Project | None = None) -> bool:
     """Bring the App's scene to where a session ended, from which it goes on and can be undone.
 
     What was done to the scene before is kept in a file, as that of a viewer that did not end in
@@ -37,6 +38,7 @@ def play(app, session: Session, said: str = "") -> bool:
 
     Args:
         said: What to say then.
+        project: That has the session, and the model that is shown: it is open then.
 
     Returns:
         False if the user has stopped it; the scene is as it was.
@@ -62,7 +64,10 @@ def play(app, session: Session, said: str = "") -> bool:
     scene.end_push()
     if scene.timeline.playing:
         scene.timeline.stop()
-    if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
+    app.project = None if project is None else project.path
+    if project is not None:  # all is as it was saved
+        project.apply_looks(scene)
+    elif scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
         scene.paused = False
     if before is not None:
         app.begin_autosave()

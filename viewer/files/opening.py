@@ -10,12 +10,12 @@ from pathlib import Path
 
 from ...core import field as fields
 from ...core.base.arguments import plain_message
-from ...core.base.paths import working_folder
+from ...core.base.paths import PROJECT, working_folder
 from ...core.base.streams import printable
 from ...core.training import has_cameras, photo_folder
 from ...wings import capture
 from .. import logs
-from ..document import open_session
+from ..document import load_project, open_session
 from .dialogs import FileDialog, Problem
 
 MODEL, SESSION = ".npz", ".jsonl"
@@ -23,18 +23,18 @@ log = logging.getLogger(__name__)
 
 
 def ask_for_file(app) -> None:
-    """Show the dialog to choose a model or session in."""
+    """Show the dialog to choose a project, model or session in."""
     recent = [Path(name).parent for name in app.preferences.recent]
     folder = next((path for path in recent if os.path.isdir(path)), working_folder())
 
     def chosen(path):
         app.asked = path
 
-    app.dialog = FileDialog("Open", folder, (MODEL, SESSION), chosen)
+    app.dialog = FileDialog("Open", folder, (PROJECT, MODEL, SESSION), chosen)
 
 
 def open_asked(app) -> None:
-    """Open what was asked for: a model in the place of the one that is shown, or a session."""
+    """Open what was asked for: a project, a model or a session, in the place of what is shown."""
     path, app.asked = app.asked, None
     app.dialog = None
     if path == app.left_behind:
@@ -53,12 +53,18 @@ def open_asked(app) -> None:
             said = f"played {path.name}: go on, or undo it"
             if not app.play(opened.session, "; ".join(filter(None, [said, opened.said]))):
                 return
+        elif path.suffix.lower() == PROJECT:
+            project = load_project(path)
+            show_model(app, project.field, project.source)
+            said = "; ".join(filter(None, [f"opened {path.name}", project.said]))
+            if not app.play(project.session, said, project):
+                return
         elif path.suffix.lower() == MODEL:
             show_model(app, fields.load(path), path)
         else:
             raise ValueError(
-                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf train "
-                f"makes a model of a data set's folder"
+                f"{path} is no project ({PROJECT}), model ({MODEL}) or session ({SESSION}); "
+                f"deformrf train makes a model of a data set's folder"
             )
     except (OSError, ValueError, MemoryError) as error:
         sentence = plain_message(error) or "the memory is too small"

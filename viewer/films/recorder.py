@@ -10,7 +10,7 @@ from ...core.base.arguments import plain_message
 from ...core.base.paths import free_name, working_folder
 from ...core.base.streams import printable
 from ...core.field import save
-from ..document import save_session
+from ..document import save_project, save_session
 from ..files import readable, save_surface
 from .video import PictureSeries, VideoWriter, save_png
 
@@ -137,10 +137,17 @@ class Recorder:
         Returns:
             A sentence if that fails, else an empty string.
         """
-        path, told = path or stamped("session", ".jsonl"), []
         scene.note_view()  # where the last frame has left it
+        return self._save(save_session, scene, start, path or stamped("session", ".jsonl"))
+
+    def save_project(self, scene, start: dict, path: Path) -> str:
+        """Write a project of a scene; returns a sentence if that fails, else an empty string."""
+        return self._save(save_project, scene, start, path)
+
+    def _save(self, save, scene, start, path):
+        told = []
         try:
-            save_session(scene, start, path, told.append)
+            save(scene, start, path, told.append)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
         except ValueError as error:  # a SessionError, as it is too long
