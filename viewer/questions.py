@@ -82,8 +82,8 @@ def settle(app) -> None:
 
 
 def save(app) -> None:
-    """Save the work; if that fails the question stays, and says why."""
-    app.leaving.problem = app.save_session()
+    """Save the work, into the project that is open; if that fails the question says why."""
+    app.leaving.problem = app.save_session() if app.project is None else app.save_project()
     if not app.leaving.problem:
         _go_on(app, app.leaving.settled | {WORK})
 

@@ -46,7 +46,9 @@ def _training(app):
 
 def _work(app):
     imgui.text("Save what you did?")
-    imgui.text_wrapped("No file has it yet. Save writes a session into the current folder.")
+    project = None if app.project is None else readable(app.project.name)
+    where = project or "a session into the current folder"
+    imgui.text_wrapped(f"No file has it yet. Save writes {where}.")
     if app.leaving.problem:
         imgui.text_wrapped(readable(app.leaving.problem))
     imgui.text_disabled("Enter: save; Esc: stay")

@@ -340,7 +340,7 @@ def test_other_entries_are_never_read_or_written(path, tmp_path):
 def test_bombs_are_refused_before_they_take_memory(path, scene):
     import tracemalloc
 
-    text = zipfile.ZipFile(path).read("session.jsonl") + b" " * (300 * 2**20)
+    text = zipfile.ZipFile(path).read("session.jsonl") + b" " * (100 * 2**20)
     deflated = {"session.jsonl": zipfile.ZIP_DEFLATED}
     rewrite(path, deflated, **{"session.jsonl": text})
     del text
