@@ -31,7 +31,7 @@ from ..core.base.arguments import (
 )
 from ..core.base.device import Choice, begin_cuda, device_name
 from ..core.base.memory import no_garbage_collected
-from ..core.base.paths import DEFAULT_MODEL, PROJECT
+from ..core.base.paths import DEFAULT_MODEL, is_project
 from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
@@ -157,10 +157,6 @@ def check(arguments: ViewArguments) -> None:
                 writable_file(path, ending)
         except OSError as error:
             raise ValueError(f"can't write {path}: {error.strerror}") from error
-
-
-def is_project(path: Path) -> bool:
-    return path.suffix.lower() == PROJECT
 
 
 def with_project(chosen):

@@ -15,6 +15,11 @@ PROJECT = ".deformrf"  # the ending of a project's name
 DEFAULT_MODEL = BUNDLED["helmet"]
 
 
+def is_project(path: Path) -> bool:
+    """Whether a path names a project: model, session and looks in one file."""
+    return path.suffix.lower() == PROJECT
+
+
 def program_version() -> str:
     """The version of this program, installed or in a checkout."""
     import tomllib

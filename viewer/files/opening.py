@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...core import field as fields
 from ...core.base.arguments import plain_message
-from ...core.base.paths import PROJECT, working_folder
+from ...core.base.paths import PROJECT, is_project, working_folder
 from ...core.base.streams import printable
 from ...core.training import has_cameras, photo_folder
 from ...wings import capture
@@ -53,7 +53,7 @@ def open_asked(app) -> None:
             said = f"played {path.name}: go on, or undo it"
             if not app.play(opened.session, "; ".join(filter(None, [said, opened.said]))):
                 return
-        elif path.suffix.lower() == PROJECT:
+        elif is_project(path):
             project = load_project(path)
             show_model(app, project.field, project.source)
             said = "; ".join(filter(None, [f"opened {path.name}", project.said]))

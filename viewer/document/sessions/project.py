@@ -24,7 +24,7 @@ from typing import Any
 
 from ....core import field as fields
 from ....core.base.archive import MAX_BYTES, Archive, one_sentence, open_archive, unpacked_limit
-from ....core.base.paths import BUNDLED, PROJECT, program_version, whole_file
+from ....core.base.paths import BUNDLED, PROJECT, is_project, program_version, whole_file
 from ....core.base.reading import read_bytes
 from ....core.base.schema import FileError, check, flag, mapping, number, one_of
 from ....core.base.streams import shown
@@ -98,7 +98,7 @@ def save_project(scene: Scene, start: dict, path: Path, tell: Callable = log.war
         OSError: The file can't be written; one that was there before stays.
     """
     path = Path(path).absolute()
-    if path.suffix.lower() != PROJECT:
+    if not is_project(path):
         raise ProjectError(f"{path} is no name of a project: it has to end in {PROJECT}")
     scene.note_view()
     bundled = next((name for name, file in BUNDLED.items() if file == scene.source), None)
@@ -106,7 +106,7 @@ def save_project(scene: Scene, start: dict, path: Path, tell: Callable = log.war
     text, left_out = session_text(scene, start, MODEL if bundled is None else None)
     looks = {name: getattr(scene.settings, name) for name in LOOKS}
     orbit = values_of(scene.orbit)
-    own = scene.source is None or scene.source.suffix.lower() == PROJECT
+    own = scene.source is None or is_project(scene.source)
     about = {
         KEY: VERSION,
         "program": program_version(),
@@ -183,8 +183,7 @@ def load_model(path: Path) -> TetField:
     Raises:
         ValueError or OSError: There is none.
     """
-    is_project = path.suffix.lower() == PROJECT
-    return fields.load(path, _content_of(path)) if is_project else fields.load(path)
+    return fields.load(path, _content_of(path))
 
 
 @contextmanager
@@ -225,7 +224,7 @@ def _begun_with(archive, path, about):
 
 def _content_of(path):
     """The bytes of a model file, or of the model in a project."""
-    if path.suffix.lower() != PROJECT:
+    if not is_project(path):
         return read_bytes(path, MAX_BYTES)
     with _opened(path) as archive:
         return _model_in(archive)
