@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal
 
-from ..core import field as fields
 from ..core.base.arguments import (
     Arg,
     Count,
@@ -23,7 +22,6 @@ from ..core.base.arguments import (
     chosen_model,
     object_size,
     positive,
-    with_size,
     writable_file,
 )
 from ..core.base.claims import claim
@@ -35,7 +33,7 @@ from ..core.deform import PRESETS, Material
 from ..core.render import Mode
 from .options import parsed
 from .running import FAILED, complain, run
-from .view import frame_size, refuse_data, told_if_slow
+from .view import frame_size, opened_by, refuse_data, told_if_slow, with_project
 
 PROGRAM = "deformrf render"
 SIZE, FPS, MOST_SAMPLES = "1280x720", 30, 256
@@ -51,7 +49,7 @@ class RenderArguments:
     """Render a session of deformrf view, or a turn around the object, into a file."""
 
     model: Model = DEFAULT_MODEL
-    """Model file, an .npz; the bundled helmet by default."""
+    """Model file, an .npz, or a project, a .deformrf; the bundled helmet by default."""
     demo: Demo = None
     """A bundled model instead: helmet, or fox, which has bones and clips."""
     output: Annotated[File, Arg("FILE", short="-o")] = None
@@ -221,17 +219,15 @@ def _check_output(chosen):
 
 def prepare(chosen: RenderArguments) -> Callable[[], int]:
     """Check the arguments, and load the model; returns the work."""
-    chosen = replace(chosen, model=chosen_model(chosen.model, chosen.demo))
+    chosen = with_project(replace(chosen, model=chosen_model(chosen.model, chosen.demo)))
     size = check(chosen)
     refuse_data(chosen.model)
-    from ..viewer.document import open_session
     from ..viewer.window import open_window
 
-    field = with_size(fields.load(chosen.model), chosen.object_size)
     session, posed = None, chosen.pose is not None and chosen.pose.suffix == ".jsonl"
-    if chosen.session is not None or posed:
-        opened = open_session(chosen.pose if posed else chosen.session, field, chosen.model)
-        field, session = opened.field, None if posed else opened.session
+    field, opened = opened_by(chosen, chosen.pose if posed else chosen.session)
+    if opened is not None:
+        session = None if posed else opened.session
         chosen = replace(chosen, model=opened.source)
         if opened.said:
             print(printable(opened.said), file=sys.stderr)

@@ -31,7 +31,7 @@ from ..core.base.arguments import (
 )
 from ..core.base.device import Choice, begin_cuda, device_name
 from ..core.base.memory import no_garbage_collected
-from ..core.base.paths import DEFAULT_MODEL
+from ..core.base.paths import DEFAULT_MODEL, is_project
 from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
@@ -98,7 +98,7 @@ class ViewArguments:
     """Grab the red points of an object and bend it."""
 
     model: Model = DEFAULT_MODEL
-    """Model file, an .npz; the bundled helmet by default."""
+    """Model file, an .npz, or a project, a .deformrf; the bundled helmet by default."""
     demo: Demo = None
     """A bundled model instead: helmet, or fox, which has bones and clips."""
     device: Choice = "auto"
@@ -157,6 +157,37 @@ def check(arguments: ViewArguments) -> None:
                 writable_file(path, ending)
         except OSError as error:
             raise ValueError(f"can't write {path}: {error.strerror}") from error
+
+
+def with_project(chosen):
+    """The arguments; a project is the session, too.
+
+    Raises:
+        ValueError: Another session is given.
+    """
+    if not is_project(chosen.model):
+        return chosen
+    if chosen.session is not None:
+        raise ValueError(f"{chosen.model} has a session of its own: leave --session out")
+    return replace(chosen, session=chosen.model)
+
+
+def opened_by(chosen, session: Path | None):
+    """The model that the arguments name, and what a session or a project has; None without.
+
+    Raises:
+        ValueError or OSError: A file can't be read, or doesn't fit.
+    """
+    from ..viewer.document import load_project, open_session
+
+    if is_project(chosen.model):
+        opened = load_project(chosen.model)
+        return opened.field, opened
+    field = with_size(fields.load(chosen.model), chosen.object_size)
+    if session is None:
+        return field, None
+    opened = open_session(session, field, chosen.model)
+    return opened.field, opened
 
 
 def refuse_photographs(model: Path) -> None:
@@ -222,8 +253,9 @@ def frame_size(text: str) -> tuple[int, int]:
 @no_garbage_collected()  # what is loaded is no garbage: a tenth of the start's time
 def prepare(chosen: ViewArguments) -> Callable[[], int]:
     """Check the arguments, and show the model in its first pose; returns the work."""
-    chosen = replace(chosen, model=chosen_model(chosen.model, chosen.demo))
+    chosen = with_project(replace(chosen, model=chosen_model(chosen.model, chosen.demo)))
     check(chosen)
+    project = chosen.model if is_project(chosen.model) else None
     if chosen.device != "cpu" and chosen.model.exists():
         begin_cuda()
     from ..viewer.script import parse_drag, resolved
@@ -232,13 +264,9 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
     offered = chosen.model if holds_photographs(chosen.model) else None
     if offered is not None:
         chosen = replace(chosen, model=DEFAULT_MODEL)
-    field = with_size(fields.load(chosen.model), chosen.object_size)
-    opened = None
-    if chosen.session is not None:
-        from ..viewer.document import open_session
-
-        opened = open_session(chosen.session, field, chosen.model)
-        field, chosen = opened.field, replace(chosen, model=opened.source)
+    field, opened = opened_by(chosen, chosen.session)
+    if opened is not None:
+        chosen = replace(chosen, model=opened.source)
     device = device_name(chosen.device)
     kept, problem = _remembered(chosen)
     app = _open(chosen, kept) if offered is None else _open_to_ask(chosen, kept, offered)
@@ -247,14 +275,14 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
             app.load(field, chosen.model.stem, device, chosen.inner.interop or kept.interop)
         app.scene.source = chosen.model
         if offered is None:
-            kept.opened(chosen.model)
+            kept.opened(project or chosen.model)
         else:
             app.offer_training(offered)
         if problem:
             log.warning(problem)
             app.questions.dialog = Problem("The preferences are damaged", problem)
         if opened is not None:
-            app.playing.play(opened.session, opened.said)
+            app.playing.play(opened.session, opened.said, opened if project else None)
         drag = None if drag is None else resolved(drag, app.scene)
         photographs = chosen.photographs
         if photographs.data is not None:

@@ -13,13 +13,14 @@ from pathlib import Path
 import pyglet
 from pyglet.window import key
 
+from ..core.base.paths import PROJECT
 from . import logs, preferences, showing
 from .actions import BoundActions, action_of, placed_photograph
 from .camera import Covered, clip_range
 from .document import Autosave, Strip, autosave_folder
 from .events import state_of
 from .files import Opening, Problem
-from .films import Recorder, Takes, without_background
+from .films import Recorder, Takes, stamped, without_background
 from .layers import Canvas, PhotoLayer
 from .parts import call
 from .playing import Playing
@@ -57,6 +58,7 @@ class App:
         self.takes = Takes(self)
         self.frame_count = 0
         self.autosave = None  # see autosave.py
+        self.project: Path | None = None  # the file that `save_project` writes by default
         self.preferences = kept or preferences.Preferences()
         self.train_job = None  # that a dialog began: train_job.py
         self.actions, self.questions = BoundActions(self), Questions(self)
@@ -333,6 +335,19 @@ class App:
         """Write the session into the current folder; returns a sentence if that fails."""
         problem = self.recorder.save_session(self.scene, self.session_start)
         if not problem:
+            self.saved()
+        return problem
+
+    def save_project(self, path: Path | None = None) -> str:
+        """Write a project, by default the one that is open, else one in the current folder.
+
+        Returns:
+            A sentence if that fails, else an empty string.
+        """
+        path = path or self.project or stamped("project", PROJECT)
+        problem = self.recorder.save_project(self.scene, self.session_start, path)
+        if not problem:
+            self.project = path.absolute()
             self.saved()
         return problem
 

@@ -11,6 +11,7 @@ from pyglet.window import key
 from .document import (
     Patience,
     Player,
+    Project,
     Session,
     begin_anew,
     open_session,
@@ -33,7 +34,7 @@ class Playing:
     def __init__(self, app):
         self._app = app
 
-    def play(self, session: Session, said: str = "") -> bool:
+    def play(self, session: Session, said: str = "", project: Project | None = None) -> bool:
         """Bring the App's scene to where a session ended, from which it goes on and can be undone.
 
         What was done to the scene before is kept in a file, as that of a viewer that did not end in
@@ -41,6 +42,7 @@ class Playing:
 
         Args:
             said: What to say then.
+            project: That has the session, and the model that is shown: it is open then.
 
         Returns:
             False if the user has stopped it; the scene is as it was.
@@ -67,7 +69,10 @@ class Playing:
         scene.end_push()
         if scene.timeline.playing:
             scene.timeline.stop()
-        if scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
+        app.project = None if project is None else project.path
+        if project is not None:  # all is as it was saved
+            project.apply_looks(scene)
+        elif scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
             scene.paused = False
         if before is not None:
             app.begin_autosave()

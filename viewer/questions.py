@@ -91,8 +91,8 @@ class Questions:
         self._go_on(leaving.settled | {leaving.about})
 
     def save(self) -> None:
-        """Save the work; if that fails the question stays, and says why."""
-        self.leaving.problem = self._app.save_session()
+        """Save the work as a project; if that fails the question stays, and says why."""
+        self.leaving.problem = self._app.save_project()
         if not self.leaving.problem:
             self._go_on(self.leaving.settled | {WORK})
 

@@ -78,7 +78,7 @@ def show(app, scene, renderer, path: str) -> None:
     app.controls = Controls(scene, app.radiance.depth_image, app.log, say)
     app.photographs = None  # of the scene's data set, if its folder was given
     app.fly = Fly(app.window, app.controls, app.radiance.depth_image)
-    app.scene, app.session_start = scene, start_of(scene)
+    app.scene, app.session_start, app.project = scene, start_of(scene), None
     app.takes.forget()
     # The handlers that are pushed last are asked first.
     app.window.push_handlers(app.controls)

@@ -4,6 +4,8 @@
 whose length is bounded.  The values are read only when `numpy.asarray` asks for them, so a caller
 can check the shape first, and an array that is never asked for costs nothing, however large it is.
 
+An Archive also reads entries that are no arrays, as bytes, up to a size that the caller names.
+
 A file of n bytes may unpack to FREE_BYTES + EXPANSION · n bytes, but not to more than MAX_BYTES
 or a quarter of the free memory.  Every error is a FileError of one sentence.
 """
@@ -13,6 +15,7 @@ import math
 import zipfile
 from collections.abc import Mapping
 from contextlib import ExitStack, contextmanager
+from io import BytesIO
 
 import numpy as np
 
@@ -59,11 +62,7 @@ class StoredArray:
         values = np.empty(self.nbytes, np.uint8)
         with self.archive.zip.open(self.entry) as stream:
             stream.read(self.start)
-            for first in range(0, self.nbytes, LONGEST_READ):
-                block = memoryview(values)[first : first + LONGEST_READ]
-                if stream.readinto(block) != len(block):
-                    raise EOFError(f"'{self.entry.filename}' ends too early")
-            stream.read(1)  # the zip's checksum is compared at the end of an entry
+            _fill(values, stream)
         shape = self.shape[::-1] if self.fortran else self.shape
         values = values.view(self.dtype).reshape(shape)
         values = values.T if self.fortran else values
@@ -76,6 +75,7 @@ class Archive(Mapping):
     def __init__(self, zip_file: zipfile.ZipFile, file_size: int):
         self.zip = zip_file
         self.names = {entry.filename: entry for entry in zip_file.infolist()}
+        check(len(self.names) == len(zip_file.infolist()), "it has two entries of one name")
         self.allowed = self.left = unpacked_limit(file_size)
         free = free_bytes()
         if free is not None:
@@ -93,12 +93,24 @@ class Archive(Mapping):
     def __len__(self):
         return len(self.names)
 
+    def read(self, name: str, most: int) -> bytes:
+        """The bytes of the entry with that name, if it has at most so many."""
+        check(name in self.names, f"it lacks '{name}'")
+        entry = self.names[name]
+        _check_compression(entry)
+        check(entry.file_size <= most, f"'{name}' has {entry.file_size} bytes, over {most}")
+        self.take(entry.file_size)
+        values = bytearray(entry.file_size)
+        with self.zip.open(entry) as stream:
+            _fill(values, stream)
+        return bytes(values)
+
     def take(self, byte_count: int) -> None:
         """Account for bytes that are about to be read."""
         self.left -= byte_count
         check(
             self.left >= 0,
-            f"its arrays unpack to more than {self.allowed / 2**20:.0f} MiB, which is more than "
+            f"it unpacks to more than {self.allowed / 2**20:.0f} MiB, which is more than "
             "a file of its size may hold, or than this machine's memory",
         )
 
@@ -116,11 +128,12 @@ class _BoundedFile:
 
 
 @contextmanager
-def open_archive(path, kind: str):
+def open_archive(path, kind: str, content: bytes | None = None):
     """The arrays of a file, while it is open; what reading them raises is the caller's.
 
     Args:
         kind: What the file should be, for the error's sentence: "model file".
+        content: All bytes of an archive inside the file at `path`, which is not read then.
 
     Raises:
         FileError: The file is missing, or is no zip.
@@ -128,9 +141,11 @@ def open_archive(path, kind: str):
     check(path.exists(), f"there is no {kind} at {path}")
     with ExitStack() as stack:
         try:
-            stream = stack.enter_context(open_file(path))
+            opened = open_file(path) if content is None else BytesIO(content)
+            stream = stack.enter_context(opened)
             zip_file = stack.enter_context(zipfile.ZipFile(_BoundedFile(stream)))
-            arrays = Archive(zip_file, path.stat().st_size)
+            size = path.stat().st_size if content is None else len(content)
+            arrays = Archive(zip_file, size)
         except FileError:
             raise
         except OSError as error:
@@ -141,14 +156,27 @@ def open_archive(path, kind: str):
         yield arrays
 
 
+def _fill(values, stream):
+    """Read bytes from a zip's entry until all values are there, in blocks."""
+    for first in range(0, len(values), LONGEST_READ):
+        block = memoryview(values)[first : first + LONGEST_READ]
+        if stream.readinto(block) != len(block):
+            raise EOFError(f"'{stream.name}' ends too early")
+    stream.read(1)  # the zip's checksum is compared at the end of an entry
+
+
+def _check_compression(entry):
+    known = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    check(known, f"'{entry.filename}' is compressed in a way that this program does not write")
+
+
 def _read_header(stream, entry):
     """Type, shape, Fortran order and the values' first byte, of an array in a zip.
 
     NumPy's own reader takes a header of any length into memory and hands it to Python's parser.
     """
     name = entry.filename
-    known = entry.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-    check(known, f"'{name}' is compressed in a way that NumPy does not write")
+    _check_compression(entry)
     start = stream.read(12)
     check(start[:6] == b"\x93NUMPY" and len(start) == 12, f"'{name}' is no NumPy array")
     size = 2 if start[6] == 1 else 4

@@ -11,7 +11,13 @@ ROOT = Path(__file__).resolve().parents[2]  # the checkout, or site-packages/def
 SHADERS = ROOT / "shaders"
 ASSETS = ROOT / "assets"
 BUNDLED = {name: ASSETS / f"{name}.npz" for name in ("helmet", "fox")}  # models
+PROJECT = ".deformrf"  # the ending of a project's name
 DEFAULT_MODEL = BUNDLED["helmet"]
+
+
+def is_project(path: Path) -> bool:
+    """Whether a path names a project: model, session and looks in one file."""
+    return path.suffix.lower() == PROJECT
 
 
 def program_version() -> str:

@@ -8,7 +8,8 @@ from .reduction import (
 )
 
 # For the rooms next door.
-from .modelfile import bytes_of_file as bytes_of_file
+from .modelfile import bytes_of_file as bytes_of_file, save_exactly as save_exactly
+from .field import same_values as same_values
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry
 from .reduction import nearer_to_matter as nearer_to_matter

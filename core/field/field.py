@@ -5,7 +5,7 @@ of `level_count` nested levels, and two networks compute density and color from 
 contains only the rest shape; the renderer has the current vertices.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cached_property
 from itertools import pairwise, starmap
 from typing import Any
@@ -80,6 +80,22 @@ class TetField:
             piece_length=self.options.march_step,
             color_per_ray=self.options.deferred,
         )
+
+
+def same_values(one, other) -> bool:
+    """Whether two fields, or two values of them, are equal to the bit."""
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    if type(one) is not type(other):
+        return False
+    if is_dataclass(one):
+        names = (each.name for each in fields(one))
+        return all(same_values(getattr(one, name), getattr(other, name)) for name in names)
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same_values(one[k], other[k]) for k in one)
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(same_values, one, other))
+    return one == other
 
 
 def _double(layers: Layers) -> Layers:

@@ -107,6 +107,14 @@ def save(
         write(arrays, stream)
 
 
+def save_exactly(field: TetField, path: Path) -> Path:
+    """Write a field with as many bits an entry as keep its table, as it was read from a file."""
+    for bits in (8, 16):
+        save(field, path, entry_bits=bits)
+        if bits == 16 or np.array_equal(load(path).table, field.table):
+            return path
+
+
 def write(arrays: dict, stream):
     """Write arrays as a file that `load` accepts: deflated, unless that makes it too small."""
     np.savez_compressed(stream, **arrays)
@@ -135,8 +143,11 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None 
     return arrays | {"meta": np.frombuffer(meta, np.uint8)}
 
 
-def load(path: str | Path) -> TetField:
+def load(path: str | Path, content: bytes | None = None) -> TetField:
     """Read and check a model file.
+
+    Args:
+        content: All bytes of a model inside the file at `path`, which is not read then.
 
     Raises:
         ModelFileError: The file is missing, is no model, has another version or is damaged.
@@ -144,7 +155,7 @@ def load(path: str | Path) -> TetField:
     path = Path(path)
     with (
         one_sentence(path, foreseen=FileError, kind=ModelFileError),
-        open_archive(path, "model file") as arrays,
+        open_archive(path, "model file", content) as arrays,
     ):
         return _build(arrays)
 

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
-from deformrf.viewer.document import Event, Session, load_session, save_session
+from deformrf.viewer.document import Event, Session, load_project, load_session, save_session
 from deformrf.viewer.document.sessions import autosave as a
 
 pytestmark = pytest.mark.gl
@@ -166,3 +166,102 @@ def test_windows_in_the_middle_come_one_after_another(app, bent, monkeypatch):
         elif name == "dialog":
             app.questions.dialog = None
         app.takes.asking &= name != "film"
+
+
+# -- projects ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def work(app, tmp_path):
+    """A project that the App has saved, in which gravity bends the ball."""
+    app.scene.set_gravity(3.0)
+    app.run(app.frame_count + 3)
+    app.scene.settings.gizmo, app.scene.settings.mode = "turn", "depth"
+    path = tmp_path / "work.deformrf"
+    assert app.save_project(path) == ""
+    return path
+
+
+def open_file(app, path):
+    app.asked = path
+    app.frame(0.0)
+    assert app.dialog is None, app.dialog
+
+
+def test_a_project_that_is_saved_is_open_and_nothing_is_unsaved(app, work):
+    assert app.project == app.scene.source == work and app.recorder.written == [work]
+    assert not app.scene.journal.unsaved and not app.autosave.path.exists()
+    app.scene.set_gravity(1.0)
+    assert app.scene.journal.unsaved
+    assert app.save_project() == "" and app.recorder.written[-1] == work
+    assert load_project(work).session.events[-1].arguments == {"strength": 1.0}
+
+
+def test_a_project_opens_as_it_was_saved_and_undo_goes_on(app, work, tmp_path):
+    saved = app.scene.solver.vertices.numpy().copy()
+    moved = work.rename(tmp_path / "moved.deformrf")
+    app.load(app.scene.field, "ball", "cpu")
+    assert app.project is None
+    app.scene.settings.gizmo, app.scene.settings.mode = "move", "color"
+    open_file(app, moved)
+    np.testing.assert_array_equal(app.scene.solver.vertices.numpy(), saved)
+    assert app.project == app.scene.source == moved and app.scene.name == "moved"
+    assert (app.scene.settings.gizmo, app.scene.settings.mode) == ("turn", "depth")
+    assert app.preferences.recent == [str(moved)] and "opened moved" in app.recorder.message
+    assert not app.scene.journal.unsaved
+    assert app.scene.undo() and app.scene.body.gravity != 3.0 and app.scene.on_ground
+    assert app.save_project() == "" and not work.exists()
+
+
+def test_time_that_is_stopped_stays_stopped(app, tmp_path):
+    app.scene.set_gravity(3.0)
+    app.run(app.frame_count + 2)
+    app.scene.paused = True
+    app.save_project(tmp_path / "work.deformrf")
+    saved = app.scene.solver.vertices.numpy().copy()
+    open_file(app, tmp_path / "work.deformrf")
+    app.frame(0.1)
+    assert app.scene.paused
+    np.testing.assert_array_equal(app.scene.solver.vertices.numpy(), saved)
+
+
+def test_another_file_closes_the_project(app, work, bent, monkeypatch):
+    """Else saving would replace it by something else."""
+    open_file(app, work)
+    open_file(app, bent)
+    assert app.project is None
+    open_file(app, work)
+    app.left_behind = bent
+    app.recover()
+    assert app.project is None
+    open_file(app, work)
+    monkeypatch.setattr("deformrf.viewer.playing._play", stop)
+    open_file(app, work)
+    assert app.project is None and "stopped" in app.recorder.message
+
+
+def stop(*arguments):
+    from deformrf.viewer import playing
+
+    raise playing._Stopped
+
+
+def test_a_project_that_cant_be_saved_is_told_of(app, work, tmp_path):
+    app.scene.set_gravity(1.0)
+    (tmp_path / "folder.deformrf").mkdir()
+    for path, words in (("folder.deformrf", "a folder, not a file"), ("a.zip", "has to end in")):
+        assert words in app.save_project(tmp_path / path)
+    assert app.project == work and app.scene.journal.unsaved
+
+
+def test_without_a_name_a_project_goes_into_the_current_folder(app, tmp_path):
+    assert app.save_project() == ""
+    assert app.project.parent == tmp_path and app.project.suffix == ".deformrf"
+
+
+def test_a_damaged_project_keeps_the_scene(app, work):
+    scene = app.scene
+    work.write_bytes(work.read_bytes()[:2000])
+    app.asked = work
+    app.frame(0.0)
+    assert app.scene is scene and "is not a project" in app.dialog.sentence

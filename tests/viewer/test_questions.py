@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 from asking_app import click, frames, opened, places_of_buttons, press, quit_by, send
 
-from deformrf.viewer.document import autosave_folder, left_behind, load_session, save_session
+from deformrf.viewer.document import (
+    autosave_folder,
+    left_behind,
+    load_project,
+    load_session,
+    save_session,
+)
 from deformrf.viewer.films.film_job import FilmChoices
 
 pytestmark = pytest.mark.gl
@@ -100,6 +106,19 @@ def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(
     send(worked, "on_key_press", key.RETURN, 0)
     worked.run()
     assert len(list(tmp_path.glob("session-*.jsonl"))) == 1
+
+
+def test_save_writes_into_the_project_that_is_open(worked, tmp_path):
+    from pyglet.window import key
+
+    worked.save_project(tmp_path / "work.deformrf")
+    worked.scene.set_gravity(3.0)
+    worked.quit()
+    frames(worked)
+    press(worked, key.RETURN)
+    assert worked.window.has_exit and not list(tmp_path.rglob("session-*.jsonl"))
+    events = load_project(tmp_path / "work.deformrf").session.events
+    assert "set_gravity" in [event.name for event in events]
 
 
 def test_what_is_saved_is_not_asked_about_until_more_is_done(worked):

@@ -55,6 +55,12 @@ from .rigging.matter import Matter as Matter
 from .rigging.hold import Hold as Hold
 from .sessions.session import KEY as KEY, save_session as save_session, start_of as start_of
 from .sessions.belonging import open_session as open_session
+from .sessions.project import (
+    Project as Project,
+    ProjectError as ProjectError,
+    load_project as load_project,
+    save_project as save_project,
+)
 from .sessions.player import (
     Patience as Patience,
     Player as Player,

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from ...core import field as fields
 from ...core.base.arguments import plain_message
-from ...core.base.paths import working_folder
+from ...core.base.paths import PROJECT, is_project, working_folder
 from ...core.base.streams import printable
 from ...core.training import has_cameras, photo_folder
 from ...wings import capture
 from .. import logs
-from ..document import open_session
+from ..document import load_project, open_session
 from .dialogs import FileDialog, Problem
 
 MODEL, SESSION = ".npz", ".jsonl"
@@ -42,14 +42,14 @@ class Opening:
         self._app = app
 
     def ask(self) -> None:
-        """Show the dialog to choose a model or session in."""
+        """Show the dialog to choose a project, model or session in."""
         recent = [Path(name).parent for name in self._app.preferences.recent]
         folder = next((path for path in recent if os.path.isdir(path)), working_folder())
         chosen = partial(setattr, self, "asked")
-        self._app.questions.dialog = FileDialog("Open", folder, (MODEL, SESSION), chosen)
+        self._app.questions.dialog = FileDialog("Open", folder, (PROJECT, MODEL, SESSION), chosen)
 
     def open_asked(self) -> None:
-        """Open what was asked for: a model in the place of the one that is shown, or a session."""
+        """Open what was asked for, in the place of what is shown."""
         app, path = self._app, self.asked
         self.asked = app.questions.dialog = None
         if path == app.questions.left_behind:
@@ -86,10 +86,15 @@ class Opening:
             self.show_model(opened.field, opened.source)
             said = f"played {path.name}: go on, or undo it"
             return app.playing.play(opened.session, "; ".join(filter(None, [said, opened.said])))
+        if is_project(path):
+            project = load_project(path)
+            self.show_model(project.field, project.source)
+            said = "; ".join(filter(None, [f"opened {path.name}", project.said]))
+            return app.playing.play(project.session, said, project)
         if path.suffix.lower() != MODEL:
             raise ValueError(
-                f"{path} is neither a model ({MODEL}) nor a session ({SESSION}); deformrf train "
-                f"makes a model of a data set's folder"
+                f"{path} is no project ({PROJECT}), model ({MODEL}) or session ({SESSION}); "
+                f"deformrf train makes a model of a data set's folder"
             )
         self.show_model(fields.load(path), path)
         return True

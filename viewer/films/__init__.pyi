@@ -5,7 +5,11 @@ from .film_job import (
     SAMPLE_COUNTS as SAMPLE_COUNTS,
     SIZES as SIZES,
 )
-from .recorder import Recorder as Recorder, without_background as without_background
+from .recorder import (
+    Recorder as Recorder,
+    stamped as stamped,
+    without_background as without_background,
+)
 from .takes import Takes as Takes
 
 # For deformrf render.

@@ -14,8 +14,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from ...core import field as fields
 from ...core.base.children import NOT_HERE, PACKAGE, start
 from ...core.base.paths import free_name, working_folder
@@ -116,7 +114,7 @@ class FilmJob:
     def _work(self, field, name, arguments):
         try:
             with tempfile.TemporaryDirectory(prefix="deformrf-", ignore_cleanup_errors=True) as at:
-                model = _exact_copy(field, Path(at) / f"{name}.npz")
+                model = fields.save_exactly(field, Path(at) / f"{name}.npz")
                 self._run(str(model), *arguments)
         except Exception as error:  # the viewer goes on
             self.problem = f"the film can't be rendered: {error}"
@@ -163,11 +161,3 @@ class FilmJob:
                 self.frame, self.count = event["frame"] + 1, event["count"]
             elif event["event"] == "written":
                 self.written = Path(event["path"])
-
-
-def _exact_copy(field, path: Path) -> Path:
-    """A model file of a field, with as many bits an entry as keep its table."""
-    for bits in (8, 16):
-        fields.save(field, path, entry_bits=bits)
-        if bits == 16 or np.array_equal(fields.load(path).table, field.table):
-            return path

@@ -10,7 +10,7 @@ from ...core.base.arguments import plain_message
 from ...core.base.paths import free_name, working_folder
 from ...core.base.streams import printable
 from ...core.field import save
-from ..document import save_session
+from ..document import save_project, save_session
 from ..files import readable, save_surface
 from .video import PictureSeries, VideoWriter, save_png
 
@@ -131,16 +131,23 @@ class Recorder:
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
 
-    def save_session(self, scene, start: dict, path: Path | None = None) -> str:
-        """Write what was done to a scene, by default into the current folder.
+    def save_session(self, opened, start: dict, path: Path | None = None) -> str:
+        """Write what was done to an object, by default into the current folder.
 
         Returns:
             A sentence if that fails, else an empty string.
         """
-        path, told = path or stamped("session", ".jsonl"), []
-        scene.note_view()  # where the last frame has left it
+        opened.note_view()  # where the last frame has left it
+        return self._save(save_session, opened, start, path or stamped("session", ".jsonl"))
+
+    def save_project(self, opened, start: dict, path: Path) -> str:
+        """Write a project of an object; returns a sentence if that fails, else an empty string."""
+        return self._save(save_project, opened, start, path)
+
+    def _save(self, save, opened, start, path):
+        told = []
         try:
-            save_session(scene, start, path, told.append)
+            save(opened, start, path, told.append)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
         except ValueError as error:  # a SessionError, as it is too long

@@ -17,7 +17,7 @@ from .view import model_panel, picture_panel, speed_panel, window_panel
 from .widgets import highlighted, section
 
 
-class Section(NamedTuple):
+class TaskSection(NamedTuple):
     """A part of a task's panel; without a title it has no head."""
 
     title: str
@@ -27,17 +27,17 @@ class Section(NamedTuple):
 
 
 SECTIONS = {
-    "bend": (Section("", bend_panel), Section("History", history_panel, False)),
-    "rig": (Section("", rig_panel),),
-    "animate": (Section("", animate_panel),),
-    "film": (Section("", filming_panel),),
+    "bend": (TaskSection("", bend_panel), TaskSection("History", history_panel, False)),
+    "rig": (TaskSection("", rig_panel),),
+    "animate": (TaskSection("", animate_panel),),
+    "film": (TaskSection("", filming_panel),),
     "view": (
-        Section("Picture", picture_panel),
-        Section("Camera", camera_panel),
-        Section("Photographs", photographs_panel, needs="photographs"),
-        Section("Window", window_panel, False),
-        Section("Speed", speed_panel, False),
-        Section("Model", model_panel),
+        TaskSection("Picture", picture_panel),
+        TaskSection("Camera", camera_panel),
+        TaskSection("Photographs", photographs_panel, needs="photographs"),
+        TaskSection("Window", window_panel, False),
+        TaskSection("Speed", speed_panel, False),
+        TaskSection("Model", model_panel),
     ),
 }
 ICONS = dict(zip(TASKS, ("hand_pointer", "bone", "clock", "film", "eye"), strict=True))

@@ -9,13 +9,15 @@ from .widgets import was_entered
 WIDTH = 460.0
 
 
-def leaving_window(questions, takes) -> None:
+def leaving_window(questions, takes, project) -> None:
     """Ask about a film, training or work that no file has; Esc is to stay."""
     imgui.push_text_wrap_pos(WIDTH)
     if questions.leaving.about == FILM:
         _film(questions, takes.job)
+    elif questions.leaving.about == TRAINING:
+        _training(questions)
     else:
-        (_training if questions.leaving.about == TRAINING else _work)(questions)
+        _work(questions, project)
     imgui.pop_text_wrap_pos()
     imgui.same_line()
     if imgui.button("Stay"):
@@ -45,9 +47,10 @@ def _training(questions):
         questions.settle()
 
 
-def _work(questions):
+def _work(questions, project):
     imgui.text("Save what you did?")
-    imgui.text_wrapped("No file has it yet. Save writes a session into the current folder.")
+    where = "a project into the current folder" if project is None else readable(project.name)
+    imgui.text_wrapped(f"No file has it yet. Save writes {where}.")
     if questions.leaving.problem:
         imgui.text_wrapped(readable(questions.leaving.problem))
     imgui.text_disabled("Enter: save; Esc: stay")

@@ -9,7 +9,14 @@ import pytest
 
 from deformrf.core.base import paths
 from deformrf.core.base.paths import ROOT
-from deformrf.core.field import ModelFileError, load, modelfile, save
+from deformrf.core.field import (
+    ModelFileError,
+    load,
+    modelfile,
+    same_values,
+    save,
+    save_exactly,
+)
 from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at
 
@@ -25,6 +32,33 @@ def field(make_ball_field):
 def path(field, tmp_path):
     modelfile.save(field, tmp_path / "model.npz", {"note": "a test"})
     return tmp_path / "model.npz"
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_an_exact_copy_has_the_same_values(field, tmp_path, bits):
+    save(field, tmp_path / "model.npz", entry_bits=bits)
+    loaded = load(tmp_path / "model.npz")
+    copy = load(save_exactly(loaded, tmp_path / "copy.npz"))
+    assert same_values(copy, replace(loaded, entry_bits=copy.entry_bits))
+    assert np.array_equal(copy.table, loaded.table)
+
+
+def test_a_model_inside_another_file_is_read_from_its_bytes(path):
+    content = path.read_bytes()
+    loaded = load(path)
+    path.write_text("another file")
+    assert same_values(load(path, content), loaded)
+    with pytest.raises(ModelFileError, match=r"model\.npz is not a model file"):
+        load(path, content[:-100])
+
+
+def test_one_bit_makes_values_differ(field):
+    assert same_values(field, replace(field))
+    table = field.table.copy()
+    table[0, 0] = np.nextafter(table[0, 0], np.float32(9.0))
+    others = {"table": table, "meta": {"size": 2.0}, "stiffness": np.ones(3), "entry_bits": 8}
+    for name, value in others.items():
+        assert not same_values(field, replace(field, **{name: value})), name
 
 
 def rewrite(path, **changes):

@@ -6,11 +6,10 @@ import av
 import numpy as np
 import pytest
 
-from deformrf.core import field as fields
 from deformrf.viewer.actions import ACTIONS
 from deformrf.viewer.document import Session, load_session
 from deformrf.viewer.films import film_job
-from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
+from deformrf.viewer.films.film_job import FilmChoices
 
 pytestmark = pytest.mark.gl
 
@@ -240,11 +239,3 @@ def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatc
     assert (parsed.fps, parsed.samples, parsed.shutter) == (24, 16, 0.5)
     assert parsed.output == tmp_path / name and parsed.hide_handles
     assert parsed.transparent == (name != "a.mp4")
-
-
-@pytest.mark.parametrize("bits", [8, 16])
-def test_the_copy_of_a_model_is_exact(ball, tmp_path, bits):
-    fields.save(ball, tmp_path / "ball.npz", entry_bits=bits)
-    field = fields.load(tmp_path / "ball.npz")
-    copy = fields.load(_exact_copy(field, tmp_path / "copy.npz"))
-    assert np.array_equal(copy.table, field.table)

@@ -10,22 +10,22 @@ the stiffnesses or the rig that the session begins without.
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from ....core import field as fields
-from ....core.base.paths import BUNDLED
+from ....core.base.paths import BUNDLED, PROJECT
 from ....core.base.reading import check_file
 from ....core.base.streams import shown
+from .project import load_model
 from .session import (
     Session,
     SessionError,
-    factor_hash,
+    fits,
     load_session,
     mesh_hash,
     read_header,
-    rig_hash,
+    start_in,
 )
 
 LONGEST_NAME = 1000  # characters of a path in a session
-ENDING = ".npz"
+ENDINGS = ".npz", PROJECT
 
 
 @dataclass(frozen=True)
@@ -52,11 +52,11 @@ def open_session(path: Path, field, source: Path | None, whole: bool = True) -> 
     path = Path(path)
     header = read_header(path)
     found, at, said = field, source, ""
-    if not _fits(field, header):
+    if not fits(field, header):
         found, at = _named_model(path, header, source)
         if found is not None:
             said = f"{path.name} began with {at.name}, which is shown"
-        elif _fits(_plain(field, header), header):
+        elif fits(_plain(field, header), header):
             found, at = _plain(field, header), source
             said = f"{path.name} began before the model had this rig or stiffness"
             said += ": the model is shown without"
@@ -65,26 +65,10 @@ def open_session(path: Path, field, source: Path | None, whole: bool = True) -> 
     return Opened(load_session(path, found, whole), found, at, said)
 
 
-def _fits(field, header) -> bool:
-    """Whether a session with this header begins with a model."""
-    wanted, factors, rig = _start(header), field.stiffness, field.rig_arrays
-    own = {
-        "stiffness": None if factors is None else factor_hash(factors),
-        "rig": None if rig is None else rig_hash(rig),
-    }
-    same = all(wanted.get(name, value) == value for name, value in own.items())
-    return same and header.get("rest") == mesh_hash(field.mesh)
-
-
 def _plain(field, header):
     """The model without the stiffnesses or the rig that the session begins without."""
-    start, names = _start(header), {"stiffness": "stiffness", "rig": "rig_arrays"}
+    start, names = start_in(header), {"stiffness": "stiffness", "rig": "rig_arrays"}
     return replace(field, **{own: None for n, own in names.items() if start.get(n, "") is None})
-
-
-def _start(header) -> dict:
-    start = header.get("start")
-    return start if isinstance(start, dict) else {}
 
 
 def _named_model(path, header, source):
@@ -92,10 +76,10 @@ def _named_model(path, header, source):
     for place in _places(path, header, source):
         try:
             check_file(place)
-            field = fields.load(place)
+            field = load_model(place)
         except (OSError, ValueError):  # it is not there, or is no model any more
             continue
-        if _fits(field, header):
+        if fits(field, header):
             return field, place
     return None, None
 
@@ -117,7 +101,7 @@ def named_file(header) -> str | None:
     if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME or not name.isprintable():
         return None
     relative = not PurePosixPath(name).is_absolute() and not {"\\", ":"} & set(name)
-    return name if relative and name.endswith(ENDING) else None
+    return name if relative and name.endswith(ENDINGS) else None
 
 
 def _missing(path, header, field, source):

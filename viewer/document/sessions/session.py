@@ -23,7 +23,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 
@@ -125,13 +125,29 @@ def save_session(opened: OpenObject, start: dict, path: Path, tell: Callable = l
         SessionError: It is longer than those that can be read.
         OSError: The file can't be written; one that was there before stays.
     """
+    text, left_out = session_text(opened, start, name_of_model(opened.source, path))
+    with whole_file(Path(path)) as partial, open(partial, "w", encoding="utf-8") as file:
+        file.write(text)
+    tell_left_out(left_out, tell)
+    return Path(path)
+
+
+def session_text(opened: OpenObject, start: dict, model_file: str | None) -> tuple[str, list[str]]:
+    """What `save_session` writes, and what no reader would take, which is left out.
+
+    Args:
+        model_file: How the session names the file of its model.
+
+    Raises:
+        SessionError: It is longer than those that can be read.
+    """
     _check_length(opened.journal)
     mesh = opened.field.mesh
     header = {
         KEY: VERSION,
         "program": program_version(),
         "model": opened.name,
-        "file": name_of_model(opened.source, path),
+        "file": model_file,
         "vertices": mesh.vertex_count,
         "tets": mesh.tet_count,
         "rest": mesh_hash(mesh),
@@ -140,10 +156,7 @@ def save_session(opened: OpenObject, start: dict, path: Path, tell: Callable = l
         "start": kept_start(start, mesh.vertex_count, left_out := []),
     }
     text = line_of(header) + event_lines(opened.journal.events, mesh.vertex_count, left_out)
-    with whole_file(Path(path)) as partial, open(partial, "w", encoding="utf-8") as file:
-        file.write(text)
-    tell_left_out(left_out, tell)
-    return Path(path)
+    return text, left_out
 
 
 def name_of_model(source: Path | None, session: Path) -> str | None:
@@ -196,16 +209,21 @@ def load_session(path: str | Path, field: TetField, whole: bool = True) -> Sessi
     """
     path = Path(path)
     with open_file(path, LARGEST_FILE) as file:
-        header = _header(path, file)
-        _check_header(path, header, field.mesh)
-        events = []
-        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), b""), start=2):
-            if not whole and not line.endswith(b"\n"):
-                break
-            if number > MOST_EVENTS:
-                raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
-            parsed = _parsed(path, number, line)
-            events.append(_event(path, number, parsed, field.mesh.vertex_count))
+        return session_of(file, path, field, whole)
+
+
+def session_of(file: BinaryIO, path: Path, field: TetField, whole: bool = True) -> Session:
+    """The same from the lines of a stream; `path` is for sentences."""
+    header = header_of(file, path)
+    _check_header(path, header, field.mesh)
+    events = []
+    for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), b""), start=2):
+        if not whole and not line.endswith(b"\n"):
+            break
+        if number > MOST_EVENTS:
+            raise SessionError(f"{path} has more than {MOST_EVENTS:,} events")
+        parsed = _parsed(path, number, line)
+        events.append(_event(path, number, parsed, field.mesh.vertex_count))
     if any(a.tick > b.tick for a, b in pairwise(events)):
         raise SessionError(f"{path}: its events are not in order")
     return Session(header, events, path)
@@ -219,10 +237,11 @@ def read_header(path: Path) -> dict:
         OSError: It can't be read.
     """
     with open_file(path, LARGEST_FILE) as file:
-        return _header(path, file)
+        return header_of(file, path)
 
 
-def _header(path, file):
+def header_of(file: BinaryIO, path: Path) -> dict:
+    """The same from a stream; `path` is for sentences."""
     header = _parsed(path, 1, file.readline(LONGEST_LINE))
     if not isinstance(header, dict) or KEY not in header:
         raise SessionError(f"{path} is not a session: its first line doesn't say so")
@@ -230,6 +249,23 @@ def _header(path, file):
         version = shown(header[KEY])
         raise SessionError(f"{path} has version {version}; this program reads {VERSION}")
     return header
+
+
+def fits(field: TetField, header: dict) -> bool:
+    """Whether a session with this header begins with a model."""
+    wanted, factors, rig = start_in(header), field.stiffness, field.rig_arrays
+    own = {
+        "stiffness": None if factors is None else factor_hash(factors),
+        "rig": None if rig is None else rig_hash(rig),
+    }
+    same = all(wanted.get(name, value) == value for name, value in own.items())
+    return same and header.get("rest") == mesh_hash(field.mesh)
+
+
+def start_in(header: dict) -> dict:
+    """The `start` of a header that is not checked yet."""
+    start = header.get("start")
+    return start if isinstance(start, dict) else {}
 
 
 def _parsed(path, number, line):
