@@ -54,10 +54,10 @@ class App:
         self.canvas = Canvas(ctx)
         self.photo_layer = PhotoLayer(ctx)
         self.recorder = Recorder(self.canvas, log, fps)
+        self.preferences = kept or preferences.Preferences()
         self.takes = Takes(self)
         self.frame_count = 0
         self.autosave = self.left_behind = None  # see autosave.py
-        self.preferences = kept or preferences.Preferences()
         self.train_job = None  # that a dialog began: train_job.py
         self.asked = self.dialog = None  # the path to open next, and what is asked: opening.py
         self.leaving = None  # what is asked before the end: questions.py

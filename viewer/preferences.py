@@ -60,6 +60,7 @@ class Preferences:
     panel_side: str = DEFAULT.panel_side
     panel_width: float = DEFAULT.panel_width
     has_dragged: bool = DEFAULT.has_dragged
+    film_folder: str = ""  # as it was typed; empty: the current one
     recent: list[str] = field(default_factory=list)  # absolute paths, the last one first
     path: Path | None = None
 
@@ -107,6 +108,7 @@ GOOD = {  # name: whether a value of the file is one
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),
     "has_dragged": schema.flag,
+    "film_folder": lambda value: isinstance(value, str) and "\0" not in value,
     "recent": schema.listing(
         schema.both(schema.text(least=1), lambda path: "\0" not in path), MOST_RECENT
     ),

@@ -9,7 +9,7 @@ import pytest
 from asking_app import click, frames, opened, places_of_buttons, press, quit_by, send
 
 from deformrf.viewer.document import autosave_folder, left_behind, load_session, save_session
-from deformrf.viewer.films.film_job import FilmChoices
+from deformrf.viewer.films import FilmChoices
 
 pytestmark = pytest.mark.gl
 

@@ -7,7 +7,7 @@ from operator import attrgetter
 
 from imgui_bundle import imgui
 
-from ..camera import Covered
+from ..camera import Covered, film_frame
 from ..files import readable
 from ..input import inputs_of
 from ..loading import STAGES
@@ -16,7 +16,7 @@ from .boxes import box_overlay, brush_overlay
 from .camera import camera_panel
 from .deform import deform_panel
 from .dialogs import dialog_window
-from .film import film_window, progress_window
+from .film import film_window, frame_overlay, progress_window
 from .gizmo import gizmo_overlay
 from .hand import hand_switch
 from .history import history_panel
@@ -66,7 +66,7 @@ QUESTIONS = {
     "leaving": leaving_window,
     "recovery": recovery_window,
     "dialog": dialog_window,
-    "film": film_window,
+    "film": lambda app: film_window(app.takes),
 }
 
 
@@ -74,6 +74,9 @@ def draw_panels(app) -> None:
     """Everything that lies over the view."""
     for overlay in (box_overlay, gizmo_overlay, gesture_overlay, brush_overlay):
         overlay(app)
+    if app.takes.shows_frame or app.takes.asking:
+        size = app.window.width, app.window.height
+        frame_overlay(film_frame(size, covered(app), app.takes.aspect))
     above = (STRIP_HEIGHT + MARGIN) * app.scene.settings.show_timeline
     if app.scene.settings.show_panel:
         _main_panel(app, top=menu_bar(app))
@@ -88,7 +91,7 @@ def draw_panels(app) -> None:
         imgui.end()
     if app.takes.job is not None:
         _floating("film's progress", (1.0, 1.0), above=above)
-        app.gui.guarded(progress_window, app)
+        app.gui.guarded(progress_window, app.takes)
         app.gui.claim()
         imgui.end()
     if app.train_job is not None:

@@ -8,8 +8,8 @@ import pytest
 
 from deformrf.core import field as fields
 from deformrf.viewer.document import Session, load_session
-from deformrf.viewer.films import film_job
-from deformrf.viewer.films.film_job import FilmChoices, _exact_copy
+from deformrf.viewer.films import FilmChoices, film_job
+from deformrf.viewer.films.film_job import _exact_copy
 from deformrf.viewer.input import ACTIONS
 
 pytestmark = pytest.mark.gl
@@ -62,7 +62,7 @@ def taken(app):
         if tick == 50:
             press(app)
         scene.advance(1 / 60)
-    app.takes.choices = FilmChoices("film", "as the window", 15, 1, handles=False)
+    app.takes.choices = FilmChoices("film", "as the window", 15, 1, what="take")
     return app
 
 
@@ -141,7 +141,7 @@ def test_a_session_beside_a_film_takes_the_place_of_no_other(taken, tmp_path, mo
 
 def test_a_film_whose_process_talks_nonsense_ends_with_it(taken, monkeypatch):
     """Nobody reads what else it prints, so it would stand for ever."""
-    code = "import time; print('{no JSON', flush=True); time.sleep(600)"
+    code = "import time; print('{\"event\" is no JSON', flush=True); time.sleep(600)"
     monkeypatch.setattr(film_job, "CODE", code)
     taken.takes.start_film()
     job = taken.takes.job
@@ -180,8 +180,8 @@ def test_without_a_take_all_of_the_session_is_offered(app):
 
     app.scene.advance(0.1)
     press(app, key.MOD_CTRL)
-    assert app.takes.asking
-    assert (app.takes.take.first, app.takes.take.last) == (0, app.scene.journal.tick)
+    assert app.takes.asking and app.takes.choices.what == "all"
+    assert app.takes.film_seconds("all") == app.scene.journal.tick / 60
 
 
 def test_recording_costs_a_frame_nothing(app):
@@ -232,11 +232,14 @@ def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatc
 
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)
-    arguments = [*choices.arguments((33, 44)), "--session", "s.jsonl"]
+    choices.what = "take"
+    shown = choices.shown(tmp_path / "s.jsonl", (2, 5))
+    arguments = [*choices.arguments((33, 44)), *shown, "-o", str(choices.path)]
     parsed = options.parsed("deformrf render", RenderArguments, arguments)
     assert check(parsed) == (1280, 720)
     assert (parsed.fps, parsed.samples, parsed.shutter) == (24, 16, 0.5)
     assert parsed.output == tmp_path / name and parsed.hide_handles
+    assert (parsed.session, parsed.first, parsed.last) == (tmp_path / "s.jsonl", 2, 5)
     assert parsed.transparent == (name != "a.mp4")
 
 

@@ -11,7 +11,7 @@ from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job
 
 WORKS = """
 import json, sys, time
-print('{"stage": 2, "step": 30, "steps": 60}', flush=True)
+print('{"event": "step", "stage": 2, "step": 30, "steps": 60}', flush=True)
 print("words for people", flush=True)
 open(sys.argv[3], "wb").write(open(MODEL, "rb").read())
 """
