@@ -295,8 +295,9 @@ scene = Scene(field, "ball", "cpu")
 start = start_of(scene)
 scene.advance(0.1)
 session = save_session(scene, start, out / "s.jsonl")
-arguments = ["--session", str(session), "--size", "48x32", "--fps", "15", "--samples", "1", "--hide-handles"]
-film = FilmJob(field, "ball", [*arguments, "--device", "cpu", "-o", str(out / "f.mp4")])
+arguments = ["--size", "48x32", "--fps", "15", "--samples", "1", "--hide-handles"]
+arguments += ["--session", str(session), "--device", "cpu", "-o", str(out / "f.mp4")]
+film = FilmJob(field, "ball", arguments)
 training = TrainJob(offer_of(Path("."), "cpu"))
 while not (film.ended and training.ended):
     time.sleep(0.05)
