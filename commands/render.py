@@ -310,12 +310,12 @@ def _options(chosen):
 def _estimate(app, film, chosen, most, hurry, loaded):
     """Say how long the film takes, `loaded` seconds of it to load; returns the exit code."""
     from ..viewer.document import SessionError, spoken
-    from ..viewer.films import estimate
+    from ..viewer.films import render_seconds
 
     try:
         count = min(film.count, most or film.count)
         how = _options(chosen), hurry, chosen.output, chosen.codec, count
-        seconds = loaded + estimate(app, film, *how)
+        seconds = loaded + render_seconds(app, film, *how)
     except SessionError as error:
         return complain(PROGRAM, str(error))
     finally:

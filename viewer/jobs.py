@@ -21,32 +21,16 @@ LOWER_PRIORITY = 10  # the viewer's frames come first
 LONGEST_LINE = 400  # characters that are shown
 
 
-class Job:
-    """A Python process; a thread starts it and reads what it prints.
+class ProcessJob:
+    """A Python process; a thread starts it and reads what it prints."""
 
-    Attributes:
-        line: What it printed last for people.
-        told: The last event of each name.
-        since: When the first event of each name came, by time.monotonic().
-        code: Its exit code; None before its end, or if it never began.
-        stopping: Whether it was told to end.
-        ended: Whether it is over.
-    """
-
-    problem_is = "the work can't be done"  # what a sentence about an error begins with
+    failure = "the work can't be done"  # what a sentence about an error begins with
     end_by, patience = signal.SIGTERM, 60.0  # how it is told to end, and how long that may take [s]
 
     def __init__(self, code: str, arguments: Callable[[Path], list[str]]):
-        """Begin.
-
-        Args:
-            code: What the process runs.
-            arguments: Makes its arguments, in the thread; it gets a folder that is deleted at the
-                end.
-        """
-        self.line, self.code = "starting", None
-        self.told: dict[str, dict] = {}
-        self.since: dict[str, float] = {}
+        """Begin to run code; a function makes its arguments, in a folder that is deleted then."""
+        self.line = "starting"  # that it printed last
+        self.code: int | None = None  # its exit code
         self.stopping = self.ended = False
         self.began = time.monotonic()
         self._process: subprocess.Popen | None = None
@@ -54,6 +38,9 @@ class Job:
         work = code, arguments
         self._thread = threading.Thread(target=self._work, args=work, name="job", daemon=True)
         self._thread.start()
+
+    def note(self, event: dict) -> None:
+        """Called in the thread with an event that was printed."""
 
     @property
     def problem(self) -> str:
@@ -81,41 +68,32 @@ class Job:
             with tempfile.TemporaryDirectory(prefix="deformrf-", ignore_cleanup_errors=True) as at:
                 self._run(code, arguments(Path(at)))
         except Exception as error:  # the viewer goes on
-            self.line = f"{self.problem_is}: {getattr(error, 'strerror', None) or error}"
+            self.line = f"{self.failure}: {getattr(error, 'strerror', None) or error}"
         self.ended = True
 
     def _run(self, code, arguments):
+        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
+        pipes |= {"stderr": subprocess.STDOUT, "text": True, "errors": "replace"}
+        alone = os.name == "posix"  # Ctrl-C is for the viewer, which ends it
         with self._lock:
             if self.stopping:
                 return
-            process = self._process = start(
-                code,
-                *arguments,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                errors="replace",
-                cwd=working_folder(),
-                start_new_session=os.name == "posix",  # Ctrl-C is for the viewer, which ends it
-            )
-        try:
-            if os.name == "posix":
-                os.setpriority(os.PRIO_PROCESS, process.pid, LOWER_PRIORITY)
-            for line in process.stdout:
-                self._hear(line)
-            self.code = process.wait()
-        finally:
-            process.stdout.close()
-            if process.poll() is None:  # nobody reads it any more
+            where = {"cwd": working_folder(), "start_new_session": alone}
+            process = self._process = start(code, *arguments, **pipes, **where)
+        with process:
+            try:
+                if alone:
+                    os.setpriority(os.PRIO_PROCESS, process.pid, LOWER_PRIORITY)
+                for line in process.stdout:
+                    self._hear(line)
+            except BaseException:  # nobody reads it any more
                 process.kill()
-                process.wait()
+                raise
+        self.code = process.returncode
 
     def _hear(self, line):
         if not line.startswith('{"event"'):
             self.line = line.strip()[:LONGEST_LINE] or self.line
             return
         for text in line.replace("}{", "}\n{").splitlines():  # an interrupt may swallow the end
-            event = json.loads(text)
-            self.told[event["event"]] = event
-            self.since.setdefault(event["event"], time.monotonic())
+            self.note(json.loads(text))

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from deformrf.viewer.jobs import Job
+from deformrf.viewer.jobs import ProcessJob
 
 SAYS = """
 import sys
@@ -27,6 +27,13 @@ time.sleep(60)
 """
 
 
+class Job(ProcessJob):
+    """Keeps the events."""
+
+    def note(self, event):
+        self.events = [*getattr(self, "events", []), event["frame"]]
+
+
 def until(condition, seconds=30.0):
     deadline = time.monotonic() + seconds
     while not condition():
@@ -41,9 +48,8 @@ def ended(job):
 
 def test_events_words_and_the_exit_code_of_a_process():
     job = ended(Job(SAYS, lambda _: ["0"]))
-    assert job.told == {"frame": {"event": "frame", "frame": 2}}
+    assert job.events == [1, 2]
     assert (job.line, job.code, job.problem) == ("words", 0, "")
-    assert job.began <= job.since["frame"] <= time.monotonic()
     assert ended(Job(SAYS, lambda _: ["2"])).problem == "words"
 
 
@@ -56,7 +62,7 @@ def test_a_process_that_is_told_to_end_writes_what_is_done():
 
 
 def test_a_process_that_does_not_end_is_killed(monkeypatch):
-    monkeypatch.setattr(Job, "patience", 0.2)
+    monkeypatch.setattr(ProcessJob, "patience", 0.2)
     job = Job(DEAF, lambda _: [])
     until(lambda: job.line == "ready")
     job.close()

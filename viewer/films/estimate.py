@@ -1,4 +1,4 @@
-"""How long a film takes, from three of its frames.
+"""How long a film takes, from three of its frames; the window asks a process for it.
 
 A session that leads to them is played in full for some seconds only.  After that its edits are made
 without the ticks between them.  Camera, view mode and timeline are therefore those of the film, and
@@ -7,17 +7,20 @@ the object is bent about as in it.
 
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from ...core.base.device import thread_count
-from ..document import Player
+from ..document import Player, spoken
+from .film_job import FilmJob
 from .film_maker import FilmMaker
 
 PLAYING = 3.0  # s of playing in full
 SETTLING = 300  # ticks that an object goes on moving after an edit, about
 FRAMES = 3
 MOST_IMAGES = 4  # of a frame; each of the others takes as long
+STILL = 0.5  # s that choices stand still before the window asks
 WARM_IMAGES = 3  # after which CUDA replays what it has recorded
 
 
@@ -73,7 +76,9 @@ class _Player(Player):
         scene.journal.tick += ticks
 
 
-def estimate(app, film, options, hurry: Hurry, path: Path, codec: str | None, count: int) -> float:
+def render_seconds(
+    app, film, options, hurry: Hurry, path: Path, codec: str | None, count: int
+) -> float:
     """The seconds that frames of a Film take, as FRAMES of them say, and what leads to them.
 
     Args:
@@ -106,3 +111,39 @@ def estimate(app, film, options, hurry: Hurry, path: Path, codec: str | None, co
     # On a CPU the encoder has no processor of its own.
     made = max(made, encoded) if on_cuda else made + encoded
     return hurry.seconds + made / len(numbers) * count
+
+
+class Estimator:
+    """Finds out how long a film takes, once the choices for it stand still.
+
+    Attributes:
+        job: The last run of deformrf render --estimate.
+    """
+
+    def __init__(self, begin: Callable[[list[str]], FilmJob]):
+        """Take a function that begins a FilmJob with arguments."""
+        self.job: FilmJob | None = None
+        self._begin = begin
+        self._wanted, self._since = None, 0.0  # arguments, and since when they stand still
+
+    def follow(self, wanted: list[str] | None) -> None:
+        """Called in every frame with the arguments of a film; None: no film is asked for."""
+        if wanted != self._wanted:
+            self._wanted, self._since = wanted, time.monotonic()
+            if self.job is not None:
+                self.job.stop()
+        is_free = self.job is None or (self.job.stopping and self.job.ended)
+        if wanted is not None and is_free and time.monotonic() - self._since >= STILL:
+            self.job = self._begin([*wanted, "--estimate"])
+
+    @property
+    def line(self) -> str:
+        """What is known, for people."""
+        if self._wanted is None:
+            return ""
+        if self.job is None or self.job.stopping or not self.job.ended:
+            return "estimating ..."
+        if self.job.estimate is None:
+            return self.job.problem
+        seconds, frames = self.job.estimate
+        return f"about {spoken(seconds)}, {frames} frames"

@@ -1,7 +1,6 @@
-"""A film that a process of its own renders, and an estimate of how long one takes.
+"""A film, or an estimate of how long one takes, by a process that runs `deformrf render`.
 
-The process runs `deformrf render`, with a copy of the model in a temporary folder.  A film that is
-told to end is cut short, and can be played.
+It gets a copy of the model.  A film that is told to end is cut short, and can be played.
 """
 
 import time
@@ -11,17 +10,19 @@ import numpy as np
 
 from ...core import field as fields
 from ...core.base.children import NOT_HERE, PACKAGE
-from ..document import spoken
-from ..jobs import Job
+from ..jobs import ProcessJob
 
 CODE = f"{NOT_HERE}from {PACKAGE}.commands.render import main; sys.exit(main())"
-STILL = 0.5  # s that choices stand still before an estimate begins
 
 
-class FilmJob(Job):
+class FilmJob(ProcessJob):
     """A run of deformrf render."""
 
-    problem_is = "the film can't be rendered"
+    failure = "the film can't be rendered"
+    frame = count = 0  # frames that are made, and all
+    written: Path | None = None
+    estimate: tuple[float, int] | None = None  # seconds and frames
+    _first_at = 0.0  # when the first frame was made
 
     def __init__(self, field, name: str, arguments: list[str]):
         """Take a field and its name, and arguments of deformrf render."""
@@ -32,68 +33,25 @@ class FilmJob(Job):
         super().__init__(CODE, whole)
 
     @property
-    def frame(self) -> int:
-        """The number of frames that are made."""
-        return self.told["frame"]["frame"] + 1 if "frame" in self.told else 0
-
-    @property
-    def count(self) -> int:
-        """The number of all frames; 0 before it is known."""
-        return self.told["frame"]["count"] if "frame" in self.told else 0
+    def problem(self) -> str:
+        return super().problem.removeprefix("deformrf render: ")
 
     @property
     def seconds_left(self) -> float | None:
         """As the frames so far say; None before the second one."""
-        made = self.frame
-        if made < 2:
+        if self.frame < 2:
             return None
-        elapsed = time.monotonic() - self.since["frame"]
-        return elapsed / (made - 1) * (self.count - made)
+        elapsed = time.monotonic() - self._first_at
+        return elapsed / (self.frame - 1) * (self.count - self.frame)
 
-    @property
-    def written(self) -> Path | None:
-        """The film, once it is there."""
-        return Path(self.told["written"]["path"]) if "written" in self.told else None
-
-    @property
-    def problem(self) -> str:
-        return super().problem.removeprefix("deformrf render: ")
-
-
-class Estimator:
-    """Finds out how long a film takes, once the choices for it stand still.
-
-    Attributes:
-        job: The last run of deformrf render --estimate.
-    """
-
-    def __init__(self, begin):
-        """Take a function that begins a FilmJob with arguments."""
-        self.job: FilmJob | None = None
-        self._begin = begin
-        self._wanted, self._since = None, 0.0  # arguments, and since when they stand still
-
-    def follow(self, wanted: list[str] | None) -> None:
-        """Called in every frame with the arguments of a film; None: no film is asked for."""
-        if wanted != self._wanted:
-            self._wanted, self._since = wanted, time.monotonic()
-            if self.job is not None:
-                self.job.stop()
-        is_free = self.job is None or (self.job.stopping and self.job.ended)
-        if wanted is not None and is_free and time.monotonic() - self._since >= STILL:
-            self.job = self._begin([*wanted, "--estimate"])
-
-    @property
-    def line(self) -> str:
-        """What is known, for people."""
-        if self._wanted is None:
-            return ""
-        if self.job is None or self.job.stopping or not self.job.ended:
-            return "estimating ..."
-        told = self.job.told.get("estimate")
-        if told is None:
-            return self.job.problem
-        return f"about {spoken(told['seconds'])}, {told['frames']} frames"
+    def note(self, event):
+        if event["event"] == "frame":
+            self._first_at = self._first_at or time.monotonic()
+            self.frame, self.count = event["frame"] + 1, event["count"]
+        elif event["event"] == "written":
+            self.written = Path(event["path"])
+        elif event["event"] == "estimate":
+            self.estimate = event["seconds"], event["frames"]
 
 
 def _exact_copy(field, path: Path) -> Path:

@@ -14,11 +14,12 @@ from typing import Any, Protocol
 from ..document import TICKS_PER_SECOND, Scene, SessionError, save_session
 from ..preferences import Preferences
 from .choices import KINDS, FilmChoices
-from .film_job import Estimator, FilmJob
+from .estimate import Estimator
+from .film_job import FilmJob
 from .recorder import Recorder, stamped
 
 
-class Shown(Protocol):
+class FilmedApp(Protocol):
     """What Takes needs of the App."""
 
     scene: Scene | None
@@ -58,7 +59,7 @@ class Takes:
         shows_frame: Whether the view shows the film's frame, also without the dialog.
     """
 
-    def __init__(self, app: Shown):
+    def __init__(self, app: FilmedApp):
         self.choices = FilmChoices(folder=app.preferences.film_folder)
         self.take: Take | None = None
         self.job: FilmJob | None = None

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from ..files import readable
 from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECONDS
-from .widgets import checkbox, combo, slider, was_entered
+from .widgets import checkbox, combo, sides, slider, was_entered
 
 FILM_WIDTH = 340.0
 COLOR = imgui.get_color_u32
@@ -65,9 +65,7 @@ def _picture(choices, window_size):
 
     combo("size", choices.size, SIZES, change("size"))
     if choices.size == FREE:
-        changed, sides = imgui.input_int2("width, height", list(choices.free_size))
-        if changed:
-            choices.free_size = tuple(sides)
+        sides("width, height", choices.free_size, partial(setattr, choices, "free_size"))
     imgui.text_disabled(choices.size_line(window_size))
     combo("frames a second", str(choices.fps), map(str, RATES), change("fps", int))
     counts = map(str, SAMPLE_COUNTS)

@@ -16,7 +16,7 @@ from ...core.base.paths import free_name, working_folder
 from ...core.training import photo_folder
 from ...wings import capture
 from ..files import readable
-from ..jobs import Job
+from ..jobs import ProcessJob
 
 CODE = f"{NOT_HERE}from {PACKAGE}.commands.train import main_of_job; sys.exit(main_of_job())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
@@ -82,21 +82,17 @@ def offer_of(data: Path, device: str) -> TrainOffer:
     return TrainOffer(data, count, output, "cpu" if device == "cpu" else "cuda")
 
 
-class TrainJob(Job):
+class TrainJob(ProcessJob):
     """A run of deformrf train."""
 
-    problem_is = "training can't begin"
+    failure = "training can't begin"
     end_by = signal.SIGINT if os.name == "posix" else signal.SIGTERM
     patience = 120.0  # s, to write its work
+    progress: dict | None = None  # stage, step, steps
 
     def __init__(self, offer: TrainOffer):
         self.offer = offer
         super().__init__(CODE, lambda _: offer.arguments)
-
-    @property
-    def progress(self) -> dict | None:
-        """Stage, step and steps; None before the first one."""
-        return self.told.get("step")
 
     @property
     def share(self) -> float:
@@ -104,8 +100,10 @@ class TrainJob(Job):
         told = self.progress
         return 0.0 if told is None else (told["stage"] - 1 + told["step"] / told["steps"]) / 2.0
 
+    def note(self, event):
+        self.progress = event
+
     def close(self) -> None:
-        """End it, and wait for its work to be written."""
         if not self.ended:
             print("Training stops; what is done is written.", file=sys.stderr, flush=True)
         super().close()

@@ -10,7 +10,7 @@ import pytest
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.document import Player, Scene, load_session, save_session, start_of
 from deformrf.viewer.films import Film, Hurry, strike, with_timeline
-from deformrf.viewer.films.film_job import Estimator
+from deformrf.viewer.films.estimate import Estimator
 
 
 @pytest.fixture
@@ -112,7 +112,9 @@ def estimator(monkeypatch):
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
 
     def begin(arguments):
-        begun.append(Begun(arguments=arguments, stopping=False, ended=False, told={}, problem=""))
+        begun.append(
+            Begun(arguments=arguments, stopping=False, ended=False, estimate=None, problem="")
+        )
         return begun[-1]
 
     return Estimator(begin), begun, clock
@@ -128,7 +130,7 @@ def test_an_estimate_begins_when_the_choices_stand_still(estimator):
     one.follow(["c"])
     one.follow(["c"])
     assert [job.arguments for job in begun] == [["c", "--estimate"]]
-    begun[0].told["estimate"] = {"seconds": 723.0, "frames": 181}
+    begun[0].estimate = 723.0, 181
     begun[0].ended = True
     assert one.line == "about 12 min, 181 frames"
 
@@ -143,7 +145,7 @@ def test_an_estimate_of_other_choices_is_discarded(estimator):
     clock[0] += 1.0
     one.follow(["b"])
     assert len(begun) == 1 and one.line == "estimating ..."  # the first one still ends
-    begun[0].told["estimate"] = {"seconds": 1.0, "frames": 1}
+    begun[0].estimate = 1.0, 1
     begun[0].ended = True
     assert one.line == "estimating ..."
     one.follow(["b"])
