@@ -89,6 +89,11 @@ def file() -> Path:
     return user_config_path("deformrf") / "preferences.json"
 
 
+def is_path(text: str) -> bool:
+    """Whether a system may take it for a path."""
+    return "\0" not in text
+
+
 GOOD = {  # name: whether a value of the file is one
     "window_size": schema.row(
         *(schema.integer(least, LARGEST_WINDOW) for least in SMALLEST_WINDOW)
@@ -108,10 +113,8 @@ GOOD = {  # name: whether a value of the file is one
     "panel_side": schema.one_of(SIDES),
     "panel_width": schema.number(*PANEL_WIDTHS),
     "has_dragged": schema.flag,
-    "film_folder": lambda value: isinstance(value, str) and "\0" not in value,
-    "recent": schema.listing(
-        schema.both(schema.text(least=1), lambda path: "\0" not in path), MOST_RECENT
-    ),
+    "film_folder": schema.both(schema.text(), is_path),
+    "recent": schema.listing(schema.both(schema.text(least=1), is_path), MOST_RECENT),
 }
 
 
