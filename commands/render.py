@@ -5,6 +5,7 @@ is: the file can be played, and has "(cut short)" in its name.
 """
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal
@@ -103,8 +104,10 @@ class RenderArguments:
     """Where the work is done; auto, the default, takes CUDA if there is any."""
     object_size: Meters = None
     """The object's longest side [m]; by default what the model says. A session has its own."""
+    estimate: bool = False
+    """Say how long the film would take, from three of its frames, and write nothing."""
     log_events: bool = False
-    """Print one JSON line for each event: recording, frame, written."""
+    """Print one JSON line for each event: recording, frame, written, estimate."""
 
     GROUPS = {  # noqa: RUF012
         "What moves": (
@@ -119,7 +122,7 @@ class RenderArguments:
             "object_size",
         ),
         "The camera": ("camera", "turntable"),
-        "The film": ("size", "fps", "frames", "samples", "shutter", "codec"),
+        "The film": ("size", "fps", "frames", "samples", "shutter", "codec", "estimate"),
         "What is shown": ("mode", "transparent", "hide_handles", "show_handles"),
         "For programs that watch the command": ("log_events",),
     }
@@ -219,9 +222,12 @@ def _check_output(chosen):
 
 def prepare(chosen: RenderArguments) -> Callable[[], int]:
     """Check the arguments, and load the model; returns the work."""
+    began = time.perf_counter()
     chosen = with_project(replace(chosen, model=chosen_model(chosen.model, chosen.demo)))
     size = check(chosen)
     refuse_data(chosen.model)
+    from ..viewer.document import Player
+    from ..viewer.films import Hurry
     from ..viewer.window import open_window
 
     session, posed = None, chosen.pose is not None and chosen.pose.suffix == ".jsonl"
@@ -240,15 +246,23 @@ def prepare(chosen: RenderArguments) -> Callable[[], int]:
     try:
         with told_if_slow(app):
             app.load(field, chosen.model.stem, device)
-        film, most = _film_of(app.scene, chosen, session)
+        hurry = Hurry() if chosen.estimate else None
+        loaded = time.perf_counter() - began
+        playing = Player if hurry is None else hurry.player
+        film, most = _film_of(app.scene, chosen, session, playing)
     except BaseException:
         app.close()
         raise
+    if hurry is not None:
+        return lambda: _estimate(app, film, chosen, most, hurry, loaded)
     return lambda: _film(app, film, chosen, most)
 
 
-def _film_of(scene, chosen, session):
+def _film_of(scene, chosen, session, playing):
     """The Film that is asked for, and how many of its frames are.
+
+    Args:
+        playing: Makes a Player of a scene and a session.
 
     Raises:
         ValueError or OSError: A file doesn't allow it.
@@ -261,7 +275,7 @@ def _film_of(scene, chosen, session):
         seen_from = scene.field.world_to_model, scene.center, frame_size(chosen.size)
         path = load_camera_path(chosen.camera, *seen_from)
     if chosen.pose is not None:
-        strike(scene, chosen.pose)
+        strike(scene, chosen.pose, playing)
     begin, most = 0, chosen.frames
     if chosen.clip is not None:
         seconds = None if most is None else most / chosen.fps
@@ -274,8 +288,8 @@ def _film_of(scene, chosen, session):
         most = most or max(round(seconds * chosen.fps), 1)  # the next one would be the first again
         scene.settings.show_bones = False
     if chosen.timeline:
-        session, begin = with_timeline(scene, session)
-    film = Film(scene, session, chosen.fps, chosen.turntable, path)
+        session, begin = with_timeline(scene, session, playing)
+    film = Film(scene, session, chosen.fps, chosen.turntable, path, playing)
     film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
     if chosen.material is not None:
         scene.body.set_material(**asdict(MATERIALS[chosen.material]))
@@ -283,13 +297,38 @@ def _film_of(scene, chosen, session):
     return film, most
 
 
+def _options(chosen):
+    from ..viewer.films import FilmOptions
+
+    handles = chosen.show_handles or not (chosen.hide_handles or chosen.session is None)
+    return FilmOptions(chosen.samples, chosen.shutter, chosen.transparent, handles, chosen.mode)
+
+
+def _estimate(app, film, chosen, most, hurry, loaded):
+    """Say how long the film takes, `loaded` seconds of it to load; returns the exit code."""
+    from ..viewer.document import SessionError, spoken
+    from ..viewer.films import render_seconds
+
+    try:
+        count = min(film.count, most or film.count)
+        how = _options(chosen), hurry, chosen.output, chosen.codec, count
+        seconds = loaded + render_seconds(app, film, *how)
+    except SessionError as error:
+        return complain(PROGRAM, str(error))
+    finally:
+        app.close()
+    app.log("estimate", seconds=round(seconds, 1), frames=count)
+    if not chosen.log_events:
+        print(f"about {spoken(seconds)}, {count} frames")
+    return 0
+
+
 def _film(app, film, chosen, most):
     """Render all frames; returns the exit code."""
     from ..viewer.document import Patience, SessionError
-    from ..viewer.films import FilmMaker, FilmOptions
+    from ..viewer.films import FilmMaker
 
-    handles = chosen.show_handles or not (chosen.hide_handles or chosen.session is None)
-    options = FilmOptions(chosen.samples, chosen.shutter, chosen.transparent, handles, chosen.mode)
+    options = _options(chosen)
     try:
         count = min(film.count, most or film.count)
         maker = FilmMaker(app, film, options)

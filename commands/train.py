@@ -22,13 +22,18 @@ def main() -> int:
 
 
 def main_of_job() -> int:
-    """The command for the viewer: now and then it prints a JSON line of how far it is."""
+    """The command for the viewer: now and then it prints an event of how far it is."""
     told = [0.0]
 
     def on_pause(pause):
         if time.monotonic() - told[0] >= TOLD_SECONDS:
             told[0] = time.monotonic()
-            where = {"stage": pause.stage, "step": pause.step, "steps": pause.step_count}
+            where = {
+                "event": "step",
+                "stage": pause.stage,
+                "step": pause.step,
+                "steps": pause.step_count,
+            }
             print(json.dumps(where), flush=True)
 
     return train_command(lambda chosen: prepare_training(chosen, on_pause))

@@ -35,6 +35,7 @@ from ..core.base.paths import DEFAULT_MODEL, is_project
 from ..core.render import Mode
 from ..viewer import logs
 from ..viewer.files import Problem, readable
+from ..viewer.settings import LARGEST_SIDE, SMALLEST_SIDE
 from ..wings import capture
 from . import doctor
 from .options import parsed
@@ -45,7 +46,6 @@ log = logging.getLogger(__name__)
 PROGRAM = "deformrf view"
 SLOW_START = 1.5  # s after which the user is told what takes so long
 HEADLESS_SIZE = 400, 400
-SMALLEST_SIDE, LARGEST_SIDE = 32, 8192
 
 Size = Annotated[str | None, Arg("WxH")]
 Drag = Annotated[str | None, Arg("VERTEX:DX,DY,DZ")]

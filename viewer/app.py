@@ -55,11 +55,11 @@ class App:
         self.canvas = Canvas(ctx)
         self.photo_layer = PhotoLayer(ctx)
         self.recorder = Recorder(self.canvas, log, fps)
+        self.preferences = kept or preferences.Preferences()
         self.takes = Takes(self)
         self.frame_count = 0
         self.autosave = None  # see autosave.py
         self.project: Path | None = None  # the file that `save_project` writes by default
-        self.preferences = kept or preferences.Preferences()
         self.train_job = None  # that a dialog began: train_job.py
         self.actions, self.questions = BoundActions(self), Questions(self)
         self.opening, self.playing = Opening(self), Playing(self)

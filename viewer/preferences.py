@@ -74,6 +74,7 @@ class Preferences:
     theme: str = DEFAULT.theme
     panel_scale: float = DEFAULT.panel_scale
     has_dragged: bool = DEFAULT.has_dragged
+    film_folder: str = ""  # as it was typed; empty: the current one
     recent: list[str] = field(default_factory=list)  # absolute paths, the last one first
     path: Path | None = None
 
@@ -102,6 +103,11 @@ def file() -> Path:
     return user_config_path("deformrf") / "preferences.json"
 
 
+def is_path(text: str) -> bool:
+    """Whether a system may take it for a path."""
+    return "\0" not in text
+
+
 GOOD = {  # name: whether a value of the file is one
     "window_size": schema.row(
         *(schema.integer(least, LARGEST_WINDOW) for least in SMALLEST_WINDOW)
@@ -123,9 +129,8 @@ GOOD = {  # name: whether a value of the file is one
     "theme": schema.one_of(THEMES),
     "panel_scale": schema.number(*SCALES),
     "has_dragged": schema.flag,
-    "recent": schema.listing(
-        schema.both(schema.text(least=1), lambda path: "\0" not in path), MOST_RECENT
-    ),
+    "film_folder": schema.both(schema.text(), is_path),
+    "recent": schema.listing(schema.both(schema.text(least=1), is_path), MOST_RECENT),
 }
 
 

@@ -12,6 +12,7 @@ SHOWN = (  # in films too
     *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
     *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
+SMALLEST_SIDE, LARGEST_SIDE = 32, 8192  # of images and films [pixels]
 SIDES = "left", "right"
 THEMES = "dark", "light"
 TASKS = "bend", "rig", "animate", "film", "view"  # what the panel is about

@@ -15,7 +15,7 @@ from deformrf.viewer.document import (
     load_session,
     save_session,
 )
-from deformrf.viewer.films.film_job import FilmChoices
+from deformrf.viewer.films import FilmChoices
 
 pytestmark = pytest.mark.gl
 

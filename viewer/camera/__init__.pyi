@@ -27,7 +27,11 @@ from .picking import (
     visible as visible,
     within as within,
 )
-from .framing import Covered as Covered, in_free_part as in_free_part
+from .framing import (
+    Covered as Covered,
+    film_frame as film_frame,
+    in_free_part as in_free_part,
+)
 from .photographs import (
     Photograph as Photograph,
     Photographs as Photographs,

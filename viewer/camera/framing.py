@@ -48,3 +48,18 @@ def in_free_part(camera: Camera, covered: Covered, ratio: float = 1.0) -> Camera
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
     center = cx + left + 0.5 * (width - camera.width), cy + top + 0.5 * (height - camera.height)
     return replace(camera, lens=replace(camera.lens, focal=(scale * fx, scale * fy), center=center))
+
+
+def film_frame(size, covered: Covered, aspect: float):
+    """What a film of the view shows: left, top, width and height in the window [points].
+
+    It is as high as what is framed.  A wide one may go on under the panels.
+
+    Args:
+        size: Of the window [points].
+        aspect: Of the film, width over height.
+    """
+    left, top, width, height = free_part(size, covered)
+    high = height if (width, height) == tuple(size) else min(width, height)
+    wide = aspect * high
+    return left + 0.5 * (width - wide), top + 0.5 * (height - high), wide, high

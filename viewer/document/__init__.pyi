@@ -65,6 +65,7 @@ from .sessions.player import (
     Patience as Patience,
     Player as Player,
     play_patiently as play_patiently,
+    spoken as spoken,
 )
 from .sessions.session_values import FARTHEST_POINT as FARTHEST_POINT
 from .sessions.autosave import (

@@ -1,9 +1,13 @@
 from .codecs import CODECS as CODECS
-from .film_job import (
+from .choices import (
     FORMATS as FORMATS,
+    FREE as FREE,
+    KINDS as KINDS,
     RATES as RATES,
     SAMPLE_COUNTS as SAMPLE_COUNTS,
     SIZES as SIZES,
+    TURN_SECONDS as TURN_SECONDS,
+    FilmChoices as FilmChoices,
 )
 from .recorder import (
     Recorder as Recorder,
@@ -16,6 +20,7 @@ from .takes import Takes as Takes
 from .camera_path import load_camera_path as load_camera_path
 from .clip import clip_session as clip_session
 from .codecs import encoder as encoder
+from .estimate import Hurry as Hurry, render_seconds as render_seconds
 from .film import Film as Film, with_timeline as with_timeline
 from .film_maker import FilmMaker as FilmMaker, FilmOptions as FilmOptions
 from .still import strike as strike

@@ -89,16 +89,18 @@ def frame_count(seconds: float, fps: int) -> int:
     return math.ceil(seconds * fps - 1e-6) + 1
 
 
-def with_timeline(scene, session: Session) -> tuple[Session, int]:
+def with_timeline(scene, session: Session, playing=Player) -> tuple[Session, int]:
     """A session that goes on by playing its timeline once, and the tick at which that begins.
 
     Args:
         scene: At rest; it is used, and at rest again.
+        playing: Makes a Player of a scene and a session.
 
     Raises:
         SessionError: The session has no timeline, or can't be played.
     """
-    play_patiently(Player(scene, session), session.ticks)
+    player = playing(scene, session)
+    play_patiently(player, session.ticks)
     timeline, begin = scene.timeline, scene.journal.tick
     if not timeline.end:
         raise SessionError("--timeline has nothing to show: the session's timeline has no keys")
@@ -106,10 +108,8 @@ def with_timeline(scene, session: Session) -> tuple[Session, int]:
     timeline.scrub(0)
     timeline.play()
     end, patience = begin + timeline.end, Patience("playing the timeline", timeline.end)
-    while scene.journal.tick < end:
-        scene.body.adapt_substeps()
-        scene.tick()
-        patience.heed(scene.journal.tick - begin)
+    for tick in player.adapting(end):
+        patience.heed(tick - begin)
     scene.note_view()
     events = list(scene.journal.events)
     begin_anew(scene)
@@ -126,6 +126,7 @@ class Film:
         fps: int,
         turn: float | None = None,
         path: tuple[CameraKey, ...] = (),
+        playing=Player,
     ):
         """Take a scene at rest.
 
@@ -133,12 +134,13 @@ class Film:
             session: What is played; None: the object stays as it is.
             turn: Seconds of a turn around the object; with a session, its camera instead.
             path: Keys of the camera, instead of the session's and of a turn.
+            playing: Makes a Player of a scene and a session.
 
         Raises:
             SessionError: The session can't be played.
         """
         self.scene, self.fps, self._turn, self._path = scene, fps, turn, path
-        self._player = None if session is None else Player(scene, session)
+        self._player = None if session is None else playing(scene, session)
         self._home = scene.orbit
         self._views = None if session is None else Views(session, scene.orbit)
         self._ticks = 0 if session is None else session.ticks

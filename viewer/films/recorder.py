@@ -56,13 +56,14 @@ class Recorder:
         A path without an ending is a folder, which gets a picture for each frame.
         """
         path = path or stamped("deformrf", ".mp4")
-        clock = time.monotonic if live else None
-        if path.suffix:
-            size = self._canvas.size
-            self.video = VideoWriter(path, size, self._fps, clock, codec, transparent)
-        else:
-            self.video = PictureSeries(path, self._fps, transparent)
+        self.video = self.writer(path, time.monotonic if live else None, codec, transparent)
         self._log("recording", path=path)
+
+    def writer(self, path: Path, clock, codec: str | None, transparent: bool):
+        """A VideoWriter of frames of the canvas, or a PictureSeries if the path has no ending."""
+        if not path.suffix:
+            return PictureSeries(path, self._fps, transparent)
+        return VideoWriter(path, self._canvas.size, self._fps, clock, codec, transparent)
 
     def start_or_stop(self) -> None:
         if self.video is not None:

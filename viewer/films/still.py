@@ -21,12 +21,13 @@ class PoseError(ValueError):
     """A file has no pose of the model; the message is one sentence."""
 
 
-def strike(scene, path: Path) -> None:
+def strike(scene, path: Path, playing=Player) -> None:
     """Bring a scene at rest into the pose of a file, and let go of it.
 
     Args:
         path: Of a session (.jsonl), whose last pose it is, seen as there; or of an array [V, 3]
             of numbers in model units, .npy or .npz with an array "vertices".
+        playing: Makes a Player of a scene and a session.
 
     Raises:
         ValueError: The file has no pose of this model (SessionError, PoseError).
@@ -36,7 +37,7 @@ def strike(scene, path: Path) -> None:
     check_file(path)
     if path.suffix == ".jsonl":
         session = load_session(path, scene.field)
-        play_patiently(Player(scene, session), session.ticks)
+        play_patiently(playing(scene, session), session.ticks)
         scene.handles.release()
         scene.end_push()
     else:

@@ -1,21 +1,40 @@
-"""The Record button: it marks a stretch of the session, of which a film can be made afterwards.
+"""The Record button, which marks a section of the session, and films of it and of the rest.
 
 While it is on, nothing is read from the screen: a take is two ticks.  A film of it is rendered
 in full, whatever the window showed (film_job.py).
 """
 
 import os
+import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
-from ..document import TICKS_PER_SECOND, SessionError, save_session
-from .film_job import FilmChoices, FilmJob
-from .recorder import stamped
+from ..document import TICKS_PER_SECOND, Scene, SessionError, save_session
+from ..preferences import Preferences
+from .choices import KINDS, FilmChoices
+from .estimate import Estimator
+from .film_job import FilmJob
+from .recorder import Recorder, stamped
+
+
+class FilmedApp(Protocol):
+    """What Takes needs of the App."""
+
+    scene: Scene | None
+    session_start: dict[str, Any]
+    recorder: Recorder
+    log: Callable
+    size: tuple[int, int]
+    preferences: Preferences
+
+    def saved(self) -> None: ...
 
 
 @dataclass(frozen=True)
 class Take:
-    """A stretch of a session."""
+    """A section of a session."""
 
     first: int  # tick
     last: int
@@ -27,101 +46,181 @@ class Take:
 
 
 class Takes:
-    """Marks stretches of the App's session, and makes films of them."""
+    """Marks sections of a session, and makes films.
 
-    def __init__(self, app):
-        self.choices = FilmChoices()
-        self.take: Take | None = None  # the last one
-        self.job: FilmJob | None = None  # the film that is being rendered
-        self.asking = False  # for the choices, in a window
-        self.problem = ""  # why there is no film of these choices
-        self.failed = False  # the last film
-        self._app = app
+    Attributes:
+        choices: Of the dialog.
+        take: The last one.
+        job: The film that is being rendered.
+        asking: Whether the dialog is open.
+        problem: Why there is no film of these choices.
+        failed: Whether the last film failed.
+        estimator: Finds out how long the film takes, while the dialog is open.
+        shows_frame: Whether the view shows the film's frame, also without the dialog.
+    """
+
+    def __init__(self, filmed: FilmedApp):
+        self.choices = FilmChoices(folder=filmed.preferences.film_folder)
+        self.take: Take | None = None
+        self.job: FilmJob | None = None
+        self.asking = self.failed = self.shows_frame = False
+        self.problem = ""
+        self.estimator = Estimator(self._begin_estimate)
+        self._filmed = filmed
         self._began: tuple | None = None  # the journal and its tick
+        self._folder: tempfile.TemporaryDirectory | None = None  # for estimates
 
     @property
     def recording(self) -> bool:
         """Whether a take has begun, in the session that goes on."""
-        journal = None if self._app.scene is None else self._app.scene.journal
+        journal = None if self._filmed.scene is None else self._filmed.scene.journal
         began = self._began
         return began is not None and began[0] is journal and began[1] <= journal.tick
 
     @property
     def seconds(self) -> float:
         """The length so far."""
-        return (self._app.scene.journal.tick - self._began[1]) / TICKS_PER_SECOND
+        return (self._filmed.scene.journal.tick - self._began[1]) / TICKS_PER_SECOND
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Of the window [pixels]."""
+        return self._filmed.size
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of the film that is chosen."""
+        width, height = self.choices.pixels(self.size)
+        return width / max(height, 1)
 
     def start_or_stop(self) -> None:
         """Begin a take; or end it, and ask what film to make of it."""
-        journal = self._app.scene.journal
+        journal = self._filmed.scene.journal
         if not self.recording:
-            self._app.scene.note_view()
+            self._filmed.scene.note_view()
             self._began = journal, journal.tick
             return
-        self.take = Take(self._began[1], journal.tick)
-        self._began = None
-        self._ask()
+        self.take, self._began = Take(self._began[1], journal.tick), None
+        if self.why_not("take"):
+            self._filmed.recorder.say(f"no film: {self.why_not('take')}")
+        else:
+            self.ask("take")
 
-    def ask(self) -> None:
-        """Ask what film to make: of the last take, or else of all that was done."""
-        journal = self._app.scene.journal
-        if self.take is None or self.take.last > journal.tick:
-            self.take = Take(0, journal.tick)
-        self._ask()
+    def ask(self, what: str = "") -> None:
+        """Ask what film to make; by default of the first of KINDS that there is."""
+        self.choices.what = what or next(kind for kind in KINDS if not self.why_not(kind))
+        self.choices.name = stamped("film", "").name
+        self.asking, self.problem = True, ""
 
     def forget(self) -> None:
         """Another scene or session is shown: what was taken of the one before is no more."""
         self.take = self._began = None
         self.asking = False
 
-    def _ask(self):
-        self.choices.name = stamped("film", "").name
-        self.asking, self.problem = True, ""
+    def film_seconds(self, what: str) -> float:
+        """How long a film of one of KINDS would be; 0: there is none."""
+        scene, take = self._filmed.scene, self.take
+        if what == "turntable":
+            return self.choices.turn_seconds
+        if what == "take":
+            return take.seconds if take is not None and take.last <= scene.journal.tick else 0.0
+        return (scene.timeline.end if what == "timeline" else scene.journal.tick) / TICKS_PER_SECOND
+
+    def why_not(self, what: str) -> str:
+        """Why there is no film of one of KINDS; empty if there is."""
+        if self.film_seconds(what):
+            return ""
+        if what == "take":
+            return "nothing was recorded" if self.take is None else "the take has no tick"
+        return "it has no keys" if what == "timeline" else "nothing was done yet"
 
     def start_film(self) -> None:
         """Make the film; the session is kept beside it, for another one."""
         self.problem = self._start()
         if self.problem:
-            self._app.recorder.say(self.problem)
+            self._filmed.recorder.say(self.problem)
 
     def _start(self) -> str:
         """Begin the film; returns a sentence if that can't be."""
-        app, choices, take = self._app, self.choices, self.take
-        path = choices.path
+        choices, why_not = self.choices, self.why_not(self.choices.what)
+        path, session = choices.path, choices.session
         if self.job is not None:
             return "one film is being rendered: wait for it, or cancel it"
+        if why_not:
+            return f"there is no film of {KINDS[choices.what]}: {why_not}"
         if os.path.lexists(path):  # which takes any name
             return f"{path} is there already: choose another name"
-        session = choices.session
+        problem = choices.size_problem(self.size) or self._save(session)
+        if problem:
+            return problem
+        self._filmed.saved()
+        self.job = self._begin([*self._arguments(session), "-o", str(path)])
+        self._filmed.log("film", path=path)
+        self._filmed.preferences.film_folder = choices.folder
+        self.asking = False
+        return ""
+
+    def _save(self, session: Path) -> str:
+        """Write the session; returns a sentence if that can't be."""
+        filmed = self._filmed
+        filmed.scene.note_view()
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            save_session(app.scene, app.session_start, session, app.recorder.say)
+            session.parent.mkdir(parents=True, exist_ok=True)
+            save_session(filmed.scene, filmed.session_start, session, filmed.recorder.say)
         except SessionError as error:  # it is too long
             return str(error)
         except (OSError, ValueError) as error:
             return f"can't write {session}: {getattr(error, 'strerror', None) or error}"
-        app.saved()
-        device = "cuda" if app.scene.solver.device.is_cuda else "cpu"
-        arguments = [*choices.arguments(app.size), "--device", device]
-        arguments += ["--from", str(take.first), "--to", str(take.last)]
-        self.job = FilmJob(app.scene.field, app.scene.name, session, arguments)
-        app.log("film", path=path)
-        self.asking = False
         return ""
 
     def update(self) -> None:
         """Called in every frame: say so when a film is ready."""
+        self.estimator.follow(self._to_estimate())
         job = self.job
         if job is None or not job.ended:
             return
         self.job, self.failed = None, job.written is None
         if job.written is not None:
-            self._app.recorder.finished(Path(job.written))
+            self._filmed.recorder.finished(job.written)
         else:
-            self._app.recorder.say(job.problem or "no film was made: it was cancelled at once")
+            self._filmed.recorder.say(job.problem or "no film was made: it was cancelled at once")
+
+    def _to_estimate(self):
+        """The arguments of the film that is asked for; None: there is no such film."""
+        choices = self.choices
+        if not self.asking or self.job is not None:
+            return None
+        if self.why_not(choices.what) or choices.size_problem(self.size):
+            return None
+        at = self._scratch()
+        return [*self._arguments(at / "film.jsonl"), "-o", str(at / f"film{choices.ending}")]
+
+    def _scratch(self) -> Path:
+        """A folder for the sessions of estimates."""
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="deformrf-")
+        return Path(self._folder.name)
+
+    def _begin_estimate(self, arguments):
+        self._save(self._scratch() / "film.jsonl")
+        return self._begin(arguments)
 
     def close(self) -> None:
         """The viewer ends: a film that is being rendered ends where it is."""
+        self.asking = False
+        if self.estimator.job is not None:
+            self.estimator.job.close()
+        if self._folder is not None:
+            self._folder.cleanup()
         if self.job is not None:
             self.job.close()
             self.update()
+
+    def _arguments(self, session: Path) -> list[str]:
+        take = None if self.take is None else (self.take.first, self.take.last)
+        return [*self.choices.arguments(self.size), *self.choices.shown(session, take)]
+
+    def _begin(self, arguments: list[str]) -> FilmJob:
+        scene = self._filmed.scene
+        device = "cuda" if scene.solver.device.is_cuda else "cpu"
+        return FilmJob(scene.field, scene.name, [*arguments, "--device", device])

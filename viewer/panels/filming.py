@@ -1,12 +1,15 @@
 """The task *Film*: pictures, recordings, films."""
 
+from functools import partial
+
 from imgui_bundle import imgui
 
-from .widgets import beside, button, setting
+from .widgets import beside, button, checkbox, setting
 
 RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
 RECORD_TOOLTIP = """marks a part of what you do,
 of which a film is rendered afterwards, in full quality"""
+GUIDE = "what a film of the chosen size shows of the view"
 CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
 
 
@@ -27,6 +30,7 @@ def filming_panel(settings, takes, recorder, actions):
             f"{video.frame_count} frames, {video.repeated_count} repeated, "
             f"{video.dropped_count} left out"
         )
+    checkbox("frame guide", takes.shows_frame, partial(setattr, takes, "shows_frame"), GUIDE)
     setting("transparent pictures of the field alone", settings, "transparent_screenshots")
     setting("points in clips and pictures", settings, "handles_in_clips")
     setting("panels in pictures", settings, "panel_in_screenshots")

@@ -60,6 +60,13 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
         change(round(value) if whole else float(value))
 
 
+def sides(label, value, change) -> None:
+    """A field for two whole numbers; calls `change` with new ones."""
+    changed, chosen = imgui.input_int2(named(label), list(value))
+    if changed:
+        change(tuple(chosen))
+
+
 def color(label, value, change) -> None:
     """A box to choose a color in; calls `change` with a new one, three numbers of 0 to 1."""
     changed, (red, green, blue, *_) = imgui.color_edit3(

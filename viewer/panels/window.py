@@ -5,13 +5,13 @@ While a model is loaded or a session plays, a window shows the progress.
 
 from imgui_bundle import imgui
 
-from ..camera import Covered
+from ..camera import Covered, film_frame
 from ..files import readable
 from ..loading import STAGES
 from ..parts import part
 from .boxes import box_overlay, brush_overlay
 from .dialogs import dialog_window
-from .film import film_window, progress_window
+from .film import film_window, frame_overlay, progress_window
 from .filming import RECORDING_RED, recording_line
 from .gizmo import gizmo_overlay
 from .help import help_size, help_window
@@ -86,6 +86,10 @@ class Panels:
         gui, settings = self._gui, self._app.scene.settings
         for overlay in OVERLAYS:
             self.show(overlay)
+        takes = self._app.takes
+        if takes.shows_frame or takes.asking:
+            size = imgui.get_io().display_size
+            frame_overlay(film_frame((size.x, size.y), self.covered(), takes.aspect))
         if imgui.begin_main_menu_bar():
             self.show(menu_bar)
             gui.claim()

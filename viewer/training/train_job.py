@@ -1,31 +1,25 @@
 """Training of photographs by a process of its own, which the viewer begins when it is asked to.
 
-That process runs `main_of_job` in commands/train.py, which prints a JSON line of how far it is now
-and then.  Whatever else it prints is for people.  It is ended as by Ctrl-C, which keeps its work.
+That process runs `main_of_job` in commands/train.py, which prints an event of how far it is now and
+then.  It is ended as by Ctrl-C, which keeps its work.
 """
 
-import json
 import os
 import shlex
 import signal
-import subprocess
 import sys
-import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core.base.children import NOT_HERE, PACKAGE, start
+from ...core.base.children import NOT_HERE, PACKAGE
 from ...core.base.paths import free_name, working_folder
 from ...core.training import photo_folder
 from ...wings import capture
 from ..files import readable
+from ..jobs import ProcessJob
 
-PATIENCE = 120.0  # s that the process has to write its work
-LOWER_PRIORITY = 10  # the viewer's frames come first
 CODE = f"{NOT_HERE}from {PACKAGE}.commands.train import main_of_job; sys.exit(main_of_job())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
-LONGEST_LINE = 400  # characters that are shown
 
 
 @dataclass(frozen=True)
@@ -88,20 +82,17 @@ def offer_of(data: Path, device: str) -> TrainOffer:
     return TrainOffer(data, count, output, "cpu" if device == "cpu" else "cuda")
 
 
-class TrainJob:
-    """A run of deformrf train; a thread starts the process and reads what it prints."""
+class TrainJob(ProcessJob):
+    """A run of deformrf train."""
+
+    failure = "training can't begin"
+    end_by = signal.SIGINT if os.name == "posix" else signal.SIGTERM
+    patience = 120.0  # s, to write its work
+    progress: dict | None = None  # stage, step, steps
 
     def __init__(self, offer: TrainOffer):
         self.offer = offer
-        self.ended = False
-        self.line = "starting"  # that it printed last
-        self.progress: dict | None = None  # stage, step, steps
-        self.stopping = False
-        self.code: int | None = None
-        self.began = time.monotonic()
-        self._process: subprocess.Popen | None = None
-        self._thread = threading.Thread(target=self._work, name="training", daemon=True)
-        self._thread.start()
+        super().__init__(CODE, lambda _: offer.arguments)
 
     @property
     def share(self) -> float:
@@ -109,52 +100,13 @@ class TrainJob:
         told = self.progress
         return 0.0 if told is None else (told["stage"] - 1 + told["step"] / told["steps"]) / 2.0
 
-    def stop(self) -> None:
-        """End it as Ctrl-C does: what is done is written."""
-        self.stopping = True
-        process = self._process
-        if process is not None and process.poll() is None:
-            process.send_signal(signal.SIGINT if os.name == "posix" else signal.SIGTERM)
+    def note(self, event):
+        self.progress = event
 
     def close(self) -> None:
-        """End it, and wait for its work to be written."""
         if not self.ended:
             print("Training stops; what is done is written.", file=sys.stderr, flush=True)
-        self.stop()
-        self._thread.join(PATIENCE)
-        if self._thread.is_alive() and self._process is not None:
-            self._process.kill()
-            self._thread.join()
-
-    def _work(self):
-        try:
-            self._run()
-        except OSError as error:
-            self.line = f"training can't begin: {error.strerror or error}"
-        self.ended = True
-
-    def _run(self):
-        process = self._process = start(
-            CODE,
-            *self.offer.arguments,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            cwd=working_folder(),
-            start_new_session=os.name == "posix",  # Ctrl-C is for the viewer, which ends it
-        )
-        if os.name == "posix":
-            os.setpriority(os.PRIO_PROCESS, process.pid, LOWER_PRIORITY)
-        if self.stopping:  # meanwhile
-            self.stop()
-        for line in process.stdout:
-            if line.startswith('{"stage"'):
-                self.progress = json.loads(line)
-            elif line.strip():
-                self.line = line.strip()[:LONGEST_LINE]
-        self.code = process.wait()
+        super().close()
 
 
 def begin_job(app) -> None:

@@ -296,7 +296,8 @@ start = start_of(scene)
 scene.advance(0.1)
 session = save_session(scene, start, out / "s.jsonl")
 arguments = ["--size", "48x32", "--fps", "15", "--samples", "1", "--hide-handles"]
-film = FilmJob(field, "ball", session, [*arguments, "--device", "cpu", "-o", str(out / "f.mp4")])
+arguments += ["--session", str(session), "--device", "cpu", "-o", str(out / "f.mp4")]
+film = FilmJob(field, "ball", arguments)
 training = TrainJob(offer_of(Path("."), "cpu"))
 while not (film.ended and training.ended):
     time.sleep(0.05)

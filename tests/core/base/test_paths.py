@@ -20,8 +20,7 @@ def test_a_name_is_free(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="a folder in use can't be deleted there")
 def test_files_go_to_the_users_folder_if_the_current_one_is_gone(tmp_path, monkeypatch):
-    from deformrf.viewer.films import stamped
-    from deformrf.viewer.films.film_job import FilmChoices
+    from deformrf.viewer.films import FilmChoices, stamped
 
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "gone").mkdir()

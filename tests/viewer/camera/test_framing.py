@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deformrf.viewer.camera import Covered, in_free_part, picking
+from deformrf.viewer.camera import Covered, film_frame, in_free_part, picking
 from deformrf.viewer.camera import orbit as orbits
 
 CENTER, RADIUS = np.array([0.5, 0.4, 0.3]), 0.35
@@ -116,3 +116,17 @@ def test_a_pan_moves_the_object_with_the_mouse(app):
         app.window.dispatch_events()
     (after,), _ = picking.project(app.controls.camera, center[None])
     assert after - before == pytest.approx([40, -30], abs=1.0)
+
+
+@pytest.mark.parametrize("covered", [Covered(), Covered(left=300.0, top=20.0), Covered(bottom=500)])
+@pytest.mark.parametrize("aspect", [16 / 9, 1.0, 9 / 16])
+def test_the_frame_of_a_film_shows_what_the_view_shows_there(covered, aspect):
+    """A point at a place of the film is at the same place of its frame in the view."""
+    size, film = (1000, 700), (round(360 * aspect), 360)
+    orbit = orbits.Orbit()
+    left, top, width, height = film_frame(size, covered, film[0] / film[1])
+    view = in_free_part(orbits.camera_of(orbit, *size), covered)
+    points = np.random.default_rng(0).uniform(0.2, 0.8, (20, 3))
+    seen = picking.project(view, points)[0]
+    filmed = picking.project(orbits.camera_of(orbit, *film), points)[0]
+    np.testing.assert_allclose(seen, [left, top] + filmed / film * [width, height], atol=0.01)

@@ -8,8 +8,7 @@ import pytest
 
 from deformrf.viewer.actions import ACTIONS
 from deformrf.viewer.document import Session, load_session
-from deformrf.viewer.films import film_job
-from deformrf.viewer.films.film_job import FilmChoices
+from deformrf.viewer.films import FilmChoices, film_job
 
 pytestmark = pytest.mark.gl
 
@@ -61,7 +60,7 @@ def taken(app):
         if tick == 50:
             press(app)
         scene.advance(1 / 60)
-    app.takes.choices = FilmChoices("film", "as the window", 15, 1, handles=False)
+    app.takes.choices = FilmChoices("film", "as the window", 15, 1, what="take")
     return app
 
 
@@ -140,7 +139,7 @@ def test_a_session_beside_a_film_takes_the_place_of_no_other(taken, tmp_path, mo
 
 def test_a_film_whose_process_talks_nonsense_ends_with_it(taken, monkeypatch):
     """Nobody reads what else it prints, so it would stand for ever."""
-    code = "import time; print('{no JSON', flush=True); time.sleep(600)"
+    code = "import time; print('{\"event\" is no JSON', flush=True); time.sleep(600)"
     monkeypatch.setattr(film_job, "CODE", code)
     taken.takes.start_film()
     job = taken.takes.job
@@ -181,8 +180,8 @@ def test_without_a_take_all_of_the_session_is_offered(app):
 
     app.scene.advance(0.1)
     press(app, key.MOD_CTRL)
-    assert app.takes.asking
-    assert (app.takes.take.first, app.takes.take.last) == (0, app.scene.journal.tick)
+    assert app.takes.asking and app.takes.choices.what == "all"
+    assert app.takes.film_seconds("all") == app.scene.journal.tick / 60
 
 
 def test_recording_costs_a_frame_nothing(app):
@@ -233,9 +232,135 @@ def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatc
 
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)
-    arguments = [*choices.arguments((33, 44)), "--session", "s.jsonl"]
+    choices.what = "take"
+    shown = choices.shown(tmp_path / "s.jsonl", (2, 5))
+    arguments = [*choices.arguments((33, 44)), *shown, "-o", str(choices.path)]
     parsed = options.parsed("deformrf render", RenderArguments, arguments)
     assert check(parsed) == (1280, 720)
     assert (parsed.fps, parsed.samples, parsed.shutter) == (24, 16, 0.5)
     assert parsed.output == tmp_path / name and parsed.hide_handles
+    assert (parsed.session, parsed.first, parsed.last) == (tmp_path / "s.jsonl", 2, 5)
     assert parsed.transparent == (name != "a.mp4")
+
+
+# -- what is offered ---------------------------------------------------------------------------
+
+
+def test_a_film_of_nothing_is_not_offered(app, capfd):
+    takes = app.takes
+    takes.ask()
+    assert takes.choices.what == "turntable"
+    reasons = [takes.why_not(what) for what in ("take", "all", "timeline", "turntable")]
+    assert reasons == ["nothing was recorded", "nothing was done yet", "it has no keys", ""]
+    frames(app)
+    takes.ask("timeline")
+    takes.start_film()
+    assert takes.job is None and "it has no keys" in takes.problem
+    takes.asking = False
+    press(app)
+    press(app)
+    assert not takes.asking and "the take has no tick" in capfd.readouterr().err
+
+
+def test_a_take_that_an_undo_has_shortened_is_not_offered(taken):
+    taken.scene.journal.tick = 40
+    assert taken.takes.why_not("take") == "the take has no tick"
+    taken.takes.ask()
+    assert taken.takes.choices.what == "all"
+
+
+def test_a_turn_shows_the_object_as_it_is_now(taken, tmp_path, capfd):
+    """Its first frame, from where the view is, in the pose at the end of the session."""
+    from deformrf.core.render import Renderer
+    from deformrf.viewer.camera import orbit as orbits
+
+    scene, takes = taken.scene, taken.takes
+    scene.handles.grab(int(scene.handles.control_ids[0]))
+    for _ in range(20):
+        scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.02]))
+        scene.advance(1 / 60)
+    scene.orbit = orbits.turned(scene.orbit, 30.0, 3.0, 64)
+    takes.choices = FilmChoices(
+        "turn", "as the window", 15, 1, format="PNG files", what="turntable", turn_seconds=1.0
+    )
+    takes.start_film()
+    pose = scene.solver.vertices.numpy().copy()
+    until(lambda: takes.update() or takes.job is None)
+    pictures = sorted((tmp_path / "turn").iterdir())
+    assert len(pictures) == 15, capfd.readouterr().err
+    renderer = Renderer(scene.field, "cpu")
+    renderer.set_vertices(pose)
+    live = renderer.render(orbits.camera_of(scene.orbit, *taken.size)).color_array()[..., :3]
+    from PIL import Image
+
+    first, later = (np.asarray(Image.open(pictures[n]).convert("RGB"), int) for n in (0, 4))
+    assert abs(first - live).max() <= 2 and abs(later - live).max() > 50
+
+
+def test_a_film_of_the_timeline(taken, tmp_path, capfd):
+    from dataclasses import asdict
+
+    scene, takes = taken.scene, taken.takes
+    for tick in (0, 30):
+        scene.timeline.key(tick, asdict(scene.orbit), True)
+    takes.choices = FilmChoices("t", "as the window", 10, 1, what="timeline")
+    assert takes.film_seconds("timeline") == 0.5
+    takes.start_film()
+    until(lambda: takes.update() or takes.job is None)
+    assert len(film_frames(tmp_path / "t.mp4")) == 6, capfd.readouterr().err
+
+
+def test_a_folder_that_cannot_be_is_told_and_a_good_one_remembered(taken, tmp_path):
+    (tmp_path / "file").touch()
+    taken.takes.asking, taken.takes.choices.folder = True, "file"
+    taken.takes.start_film()
+    assert taken.takes.job is None and f"can't write {tmp_path / 'file'}" in taken.takes.problem
+    taken.takes.choices.folder, taken.takes.choices.name = "films", "film"
+    taken.takes.start_film()
+    assert taken.preferences.film_folder == "films"
+    until(lambda: taken.takes.update() or taken.takes.job is None)
+    assert (tmp_path / "films" / "film.mp4").exists()
+
+
+def test_a_size_beyond_the_limits_starts_nothing(taken):
+    taken.takes.choices.size, taken.takes.choices.free_size = "free", (9000, 30)
+    taken.takes.start_film()
+    assert taken.takes.job is None and "32 to 8192" in taken.takes.problem
+
+
+def test_the_dialog_says_how_long_the_film_takes(taken, tmp_path):
+    takes = taken.takes
+    takes.ask("take")
+    takes.choices.size, takes.choices.free_size = "free", (65, 48)
+    until(lambda: frames(taken, 1) or takes.estimator.job is not None)
+    first = takes.estimator.job
+    takes.choices.fps = 60
+    frames(taken, 1)
+    assert first.stopping and takes.estimator.line == "estimating ..."
+    until(lambda: frames(taken, 1) or takes.estimator.line.startswith("about "))
+    assert takes.estimator.line.endswith(" s, 31 frames")
+    assert takes.estimator.job is not first and not list(tmp_path.glob("*.mp4"))
+    takes.asking = False
+    frames(taken, 1)
+    assert takes.estimator.line == "" and takes.estimator.job.stopping
+    scratch = takes._scratch()
+    takes.close()
+    assert not scratch.exists()
+
+
+def test_the_frame_of_the_film_lies_over_the_view(app):
+    """It is shown with the dialog, and without it where that is chosen."""
+    from deformrf.viewer.panels import window
+
+    drawn = []
+    overlay, window.frame_overlay = window.frame_overlay, drawn.append
+    try:
+        frames(app)
+        assert not drawn
+        app.takes.shows_frame, app.takes.choices.size = True, "1080x1080"
+        frames(app, 1)
+    finally:
+        window.frame_overlay = overlay
+    ((_, _, width, height),) = drawn
+    assert width == height <= app.window.height
+    frames(app)

@@ -2,16 +2,18 @@
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
 
+from deformrf.commands import train
 from deformrf.commands import view as command
 from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job
 
 WORKS = """
 import json, sys, time
-print('{"stage": 2, "step": 30, "steps": 60}', flush=True)
+print('{"event": "step", "stage": 2, "step": 30, "steps": 60}', flush=True)
 print("words for people", flush=True)
 open(sys.argv[3], "wb").write(open(MODEL, "rb").read())
 """
@@ -93,6 +95,20 @@ def test_the_process_is_deformrf_train(photos):
     job = ended(TrainJob(offer_of(photos, "cpu")), 120)
     assert (job.code, job.line.partition(":")[0]) == (2, "deformrf train"), job.line
     assert "5 photographs" in job.line
+
+
+def test_the_process_tells_of_its_steps(monkeypatch, capsys):
+    """In the form in which a job reads it, and not of each."""
+    pause = SimpleNamespace(stage=2, step=30, step_count=60)
+    monkeypatch.setattr(train, "train_command", lambda prepare: prepare(None))
+    monkeypatch.setattr(
+        train, "prepare_training", lambda _, on_pause: [on_pause(pause) for _ in range(3)]
+    )
+    train.main_of_job()
+    (line,) = capsys.readouterr().out.splitlines()
+    job = TrainJob.__new__(TrainJob)
+    job._hear(line)
+    assert job.share == 0.75
 
 
 def test_without_a_window_a_sentence_has_the_command(photos, capsys):

@@ -75,13 +75,25 @@ class Player:
             self.scene.look(0.0)
         return not goes_on
 
+    @property
+    def following(self) -> int | None:
+        """The tick of the next edit; None after the last one."""
+        events = self.session.events
+        return events[self._made].tick if self._made < len(events) else None
+
+    def adapting(self, tick: int):
+        """Let ticks pass as in the viewer, with substeps that adapt; yields the tick after each."""
+        while self.scene.journal.tick < tick:
+            self.scene.body.adapt_substeps()
+            self.scene.tick()
+            yield self.scene.journal.tick
+
     def _step(self, tick):
         """Make the next edit, or let a tick pass; whether there was something to do."""
-        scene, journal, events = self.scene, self.scene.journal, self.session.events
-        following = events[self._made].tick if self._made < len(events) else None
+        scene, journal, following = self.scene, self.scene.journal, self.following
         if following is not None and following <= journal.tick:
             self._made += 1
-            self._make(events[self._made - 1])
+            self._make(self.session.events[self._made - 1])
         elif journal.tick >= tick:
             return False
         elif scene.moving:

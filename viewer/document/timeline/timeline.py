@@ -295,6 +295,17 @@ class Timeline:
             warnings.simplefilter("ignore")  # of materials: the panel says what is held
             return self._advance(driven)
 
+    def skip(self, ticks: int) -> None:
+        """Show what the keys say so many ticks later, for estimates: no physics moves the rest."""
+        self.head += ticks
+        with self.journal.unrecorded(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if self.head >= self.end:
+                self.head = self.head % self.end if self.loop else self.end
+            self._show()
+            if self.head == self.end and not self.loop:
+                self._end()
+
     def _advance(self, driven):
         before, self.head = self.head, self.head + 1
         wraps = self.loop and self.head >= self.end
