@@ -183,9 +183,9 @@ def work(app, tmp_path):
 
 
 def open_file(app, path):
-    app.asked = path
+    app.opening.asked = path
     app.frame(0.0)
-    assert app.dialog is None, app.dialog
+    assert app.questions.dialog is None, app.questions.dialog
 
 
 def test_a_project_that_is_saved_is_open_and_nothing_is_unsaved(app, work):
@@ -231,8 +231,8 @@ def test_another_file_closes_the_project(app, work, bent, monkeypatch):
     open_file(app, bent)
     assert app.project is None
     open_file(app, work)
-    app.left_behind = bent
-    app.recover()
+    app.questions.left_behind = bent
+    app.playing.recover()
     assert app.project is None
     open_file(app, work)
     monkeypatch.setattr("deformrf.viewer.playing._play", stop)
@@ -262,6 +262,6 @@ def test_without_a_name_a_project_goes_into_the_current_folder(app, tmp_path):
 def test_a_damaged_project_keeps_the_scene(app, work):
     scene = app.scene
     work.write_bytes(work.read_bytes()[:2000])
-    app.asked = work
+    app.opening.asked = work
     app.frame(0.0)
-    assert app.scene is scene and "is not a project" in app.dialog.sentence
+    assert app.scene is scene and "is not a project" in app.questions.dialog.sentence

@@ -113,7 +113,7 @@ def test_save_writes_into_the_project_that_is_open(worked, tmp_path):
 
     worked.save_project(tmp_path / "work.deformrf")
     worked.scene.set_gravity(3.0)
-    worked.quit()
+    worked.questions.leave()
     frames(worked)
     press(worked, key.RETURN)
     assert worked.window.has_exit and not list(tmp_path.rglob("session-*.jsonl"))
