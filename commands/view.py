@@ -34,7 +34,7 @@ from ..core.base.memory import no_garbage_collected
 from ..core.base.paths import DEFAULT_MODEL, is_project
 from ..core.render import Mode
 from ..viewer import logs
-from ..viewer.files import Problem, readable
+from ..viewer.files import Problem, has_native_dialogs, readable
 from ..viewer.settings import LARGEST_SIDE, SMALLEST_SIDE
 from ..wings import capture
 from . import doctor
@@ -318,6 +318,7 @@ def _open(chosen, kept):
     events = EventLog(chosen.inner.log_events)
     app = App(window, context, events, gui=not headless, fps=chosen.fps, kept=kept)
     if not headless:
+        app.opening.native = has_native_dialogs()
         app.log_file = app.gui.log_file = logs.start(logs.file())
     return app
 

@@ -16,10 +16,10 @@ from pyglet.window import key
 from ..core.base.paths import PROJECT
 from . import logs, preferences, showing
 from .actions import BoundActions, action_of, placed_photograph
-from .camera import Covered, clip_range
+from .camera import CameraHistory, Covered, clip_range
 from .document import Autosave, Strip, autosave_folder
 from .events import state_of
-from .files import Opening, Problem
+from .files import Opening, Problem, readable
 from .films import Recorder, Takes, stamped, without_background
 from .layers import Canvas, PhotoLayer
 from .parts import call
@@ -65,6 +65,7 @@ class App:
         self.opening, self.playing = Opening(self), Playing(self)
         self.closing = False  # the window was closed while nothing could be asked
         self.strip = Strip()  # of the timeline
+        self.camera_history, self._caption = CameraHistory(), ""
         self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
         self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.
@@ -228,8 +229,7 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        if self.opening.asked is not None and self.questions.leaving is None:
-            self.opening.open_asked()
+        self.opening.follow()
         if self.questions.name:
             self.fly.end()  # which has the keys
         scene, controls, times = self.scene, self.controls, self.times
@@ -266,6 +266,7 @@ class App:
         self.takes.update()
         follow_job(self)
         self.questions.follow()
+        self._follow_camera()
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
@@ -273,6 +274,16 @@ class App:
         self._log_state()
         self.frame_count += 1
         self._drawn_at = time.perf_counter()
+
+    def _follow_camera(self):
+        """Note where the camera rests, and say in the window's title what is open."""
+        scene, moves = self.scene, self.controls.mode or self.fly.on
+        moves = bool(moves) or scene.timeline.moves_camera
+        self.camera_history.note(scene.viewpoint.orbit, moves, time.perf_counter())
+        caption = f"deformrf: {readable(scene.name)}{' *' * scene.journal.unsaved}"
+        if caption != self._caption:
+            self._caption = caption
+            self.window.set_caption(caption)
 
     def covered(self) -> Covered:
         """What the panels cover of the window."""
@@ -349,6 +360,10 @@ class App:
         if not problem:
             self.project = path.absolute()
             self.saved()
+            self.preferences.opened(path)
+            untold = self.preferences.save()
+            if untold:
+                self.recorder.say(untold)
         return problem
 
     def saved(self) -> None:

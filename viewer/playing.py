@@ -87,6 +87,10 @@ class Playing:
             app.recorder.say("; ".join(sentences))
         return True
 
+    def begin_anew(self) -> None:
+        """Go on with the model as it was opened; what was done is kept for another start."""
+        self.play(Session({"start": {}, "ticks": 0}, []), "begun anew")
+
     def _play(self, player):
         """Play all of a session; raises _Stopped."""
         app = self._app

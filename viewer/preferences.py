@@ -5,6 +5,7 @@ aside, with a message.  Options of the command line come before it.
 """
 
 import json
+import os
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -80,7 +81,7 @@ class Preferences:
 
     def opened(self, path: Path) -> None:
         """A file was opened: it is the first of the recent ones."""
-        name = str(Path(path).absolute())
+        name = os.path.abspath(path)
         self.recent = [name, *(other for other in self.recent if other != name)][:MOST_RECENT]
 
     def save(self) -> str:

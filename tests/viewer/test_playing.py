@@ -207,7 +207,9 @@ def test_a_project_opens_as_it_was_saved_and_undo_goes_on(app, work, tmp_path):
     np.testing.assert_array_equal(app.scene.solver.vertices.numpy(), saved)
     assert app.project == app.scene.source == moved and app.scene.name == "moved"
     assert (app.scene.settings.gizmo, app.scene.settings.mode) == ("turn", "depth")
-    assert app.preferences.recent == [str(moved)] and "opened moved" in app.recorder.message
+    assert (
+        app.preferences.recent == [str(moved), str(work)] and "opened moved" in app.recorder.message
+    )
     assert not app.scene.journal.unsaved
     assert app.scene.undo() and app.scene.body.gravity != 3.0 and app.scene.on_ground
     assert app.save_project() == "" and not work.exists()
@@ -235,7 +237,7 @@ def test_another_file_closes_the_project(app, work, bent, monkeypatch):
     app.playing.recover()
     assert app.project is None
     open_file(app, work)
-    monkeypatch.setattr("deformrf.viewer.playing._play", stop)
+    monkeypatch.setattr("deformrf.viewer.playing.Playing._play", stop)
     open_file(app, work)
     assert app.project is None and "stopped" in app.recorder.message
 

@@ -12,7 +12,6 @@ from deformrf.viewer.document import (
     autosave_folder,
     left_behind,
     load_project,
-    load_session,
     save_session,
 )
 from deformrf.viewer.films import FilmChoices
@@ -74,7 +73,7 @@ def test_enter_saves_and_ends(worked, ball, tmp_path):
     worked.run()
     worked.end()
     (path,) = (tmp_path / "here").iterdir()
-    assert "set_ground" in [event.name for event in load_session(path, ball).events]
+    assert "set_ground" in [event.name for event in load_project(path).session.events]
     assert not kept.exists() and left_behind(autosave_folder(), ball.mesh) is None
 
 
@@ -105,7 +104,7 @@ def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(
     monkeypatch.setenv("HOME", str(tmp_path))
     send(worked, "on_key_press", key.RETURN, 0)
     worked.run()
-    assert len(list(tmp_path.glob("session-*.jsonl"))) == 1
+    assert len(list(tmp_path.glob("project-*.deformrf"))) == 1
 
 
 def test_save_writes_into_the_project_that_is_open(worked, tmp_path):

@@ -5,15 +5,32 @@ from ..files import surface_of
 from .action import action, toggle
 
 
-@action("open a model or a session", "CTRL+O", "File/Open...")
+@action("begin anew with this model; what you did is kept", "CTRL+N", "File/New")
+def new(playing):
+    playing.begin_anew()
+
+
+@action("open a project, a model or a session", "CTRL+O", "File/Open...")
 def open(opening):
     opening.ask()
 
 
+@action("save the project: all that was done, with the model", "CTRL+S", "File/-Save")
+def save(opening, project, save_project):
+    if project is None:
+        opening.ask_where(save_project)
+    else:
+        save_project()
+
+
+@action("save the project under another name", "CTRL+SHIFT+S", "File/Save as...")
+def save_as(opening, save_project):
+    opening.ask_where(save_project)
+
+
 @action(
     "write the model as it is: its stiffness and rig, without what was deleted",
-    "CTRL+S",
-    "File/-Save model copy",
+    menu="File/Export/Model",
 )
 def save_model(body, cuts, field, rigging, recorder):
     factors = None if body.factors is None else body.factors.copy()
@@ -24,7 +41,7 @@ def save_model(body, cuts, field, rigging, recorder):
     recorder.save_model(cuts.smaller(factors, arrays))
 
 
-@action("save the session", "CTRL+SHIFT+S", "File/Save session")
+@action("write what was done as a session", menu="File/Export/Session")
 def save_session(save_session):
     save_session()
 

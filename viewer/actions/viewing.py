@@ -83,6 +83,16 @@ def set_up(viewpoint, name: str) -> None:
     viewpoint.orbit = with_up(viewpoint.orbit, up)
 
 
+@action("look from where the camera was before", "ALT+LEFT", "View/-Camera back")
+def camera_back(camera_history, viewpoint):
+    viewpoint.orbit = camera_history.back() or viewpoint.orbit
+
+
+@action("and from where it was after that", "ALT+RIGHT", "View/Camera forward")
+def camera_forward(camera_history, viewpoint):
+    viewpoint.orbit = camera_history.forward() or viewpoint.orbit
+
+
 @action("next saved view", "V", "View/-Next saved view")
 def next_view(viewpoint, say):
     name = viewpoint.next()

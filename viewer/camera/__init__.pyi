@@ -27,6 +27,7 @@ from .picking import (
     visible as visible,
     within as within,
 )
+from .history import CameraHistory as CameraHistory
 from .framing import (
     Covered as Covered,
     film_frame as film_frame,

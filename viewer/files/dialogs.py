@@ -23,12 +23,20 @@ def readable(name) -> str:
 
 
 class FileDialog:
-    """The choice of a file in the folders of this machine."""
+    """The choice of a file in the folders of this machine, or of the name of a new one."""
 
-    def __init__(self, title: str, folder: Path, endings: tuple[str, ...], chosen: Callable):
-        """Begin in a folder; `chosen` is called with the path of a file of these endings."""
+    def __init__(
+        self, title: str, folder: Path, endings: tuple[str, ...], chosen: Callable, name=""
+    ):
+        """Begin in a folder; `chosen` is called with the path of a file of these endings.
+
+        Args:
+            name: What a new file is called at first; without one, files that exist are chosen.
+                `chosen` returns a sentence then if it can't be written.
+        """
         self.title, self.endings = title, endings
-        self._chosen = chosen
+        self.name = name
+        self._chosen, self._replaces = chosen, None  # a file that is there: asked about
         self.problem = ""  # of the last choice
         self.entries: list[tuple[str, bool]] = []  # name, and whether it is a folder
         self.folder = Path(folder).absolute()
@@ -45,7 +53,7 @@ class FileDialog:
             return
         self.problem = ""
         self.folder = folder
-        self.text = readable(folder)
+        self.text = readable(folder / self.name if self.name else folder)
         shown = [
             (name, is_folder)
             for name, is_folder in entries
@@ -56,7 +64,9 @@ class FileDialog:
 
     def typed(self) -> Path:
         """The path that the text means; the folder's own text need not be its name."""
-        return self.folder if self.text == readable(self.folder) else Path(self.text)
+        if self.text == readable(self.folder / self.name if self.name else self.folder):
+            return self.folder / self.name
+        return Path(self.text)
 
     def choose(self, path: Path) -> bool:
         """Enter a folder, or take a file; whether the dialog is done."""
@@ -68,11 +78,25 @@ class FileDialog:
         if os.path.isdir(path):  # unlike Path's own, no name is an error
             self.enter(Path(os.path.normpath(path)))
             return False
+        if self.name:
+            return self._save(path)
         if not os.path.isfile(path):
             self.problem = f"there is no file {path}"
             return False
         self._chosen(path)
         return True
+
+    def _save(self, path):
+        """Take the name of a new file; one that is there is asked about."""
+        if path.suffix.lower() not in self.endings:
+            path = path.with_name(path.name + self.endings[0])
+        if os.path.lexists(path) and path != self._replaces:
+            self._replaces = path
+            self.text = readable(path)
+            self.problem = f"{path.name} is there already: once more replaces it"
+            return False
+        self.problem = self._chosen(path)
+        return not self.problem
 
 
 def _is_folder(entry):

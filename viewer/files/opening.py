@@ -6,18 +6,20 @@ the next frame begins with `open_asked`.  A file that can't be opened leaves the
 
 import logging
 import os
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from ...core import field as fields
 from ...core.base.arguments import plain_message
-from ...core.base.paths import PROJECT, is_project, working_folder
+from ...core.base.paths import PROJECT, ROOT, is_project
 from ...core.base.streams import printable
 from ...core.training import has_cameras, photo_folder
 from ...wings import capture
 from .. import logs
 from ..document import load_project, open_session
 from .dialogs import FileDialog, Problem
+from .native import NativeDialog
 
 MODEL, SESSION = ".npz", ".jsonl"
 log = logging.getLogger(__name__)
@@ -35,18 +37,46 @@ class Opening:
 
     Attributes:
         asked: The path to open next, or None.
+        native: Whether to show the system's dialogs.
     """
 
     def __init__(self, app):
         self.asked: Path | None = None
-        self._app = app
+        self.native = False
+        self._app, self._dialog = app, None
 
     def ask(self) -> None:
-        """Show the dialog to choose a project, model or session in."""
-        recent = [Path(name).parent for name in self._app.preferences.recent]
-        folder = next((path for path in recent if os.path.isdir(path)), working_folder())
+        """Let the user choose a project, model or session."""
         chosen = partial(setattr, self, "asked")
-        self._app.questions.dialog = FileDialog("Open", folder, (PROJECT, MODEL, SESSION), chosen)
+        self._show("Open", self.folder, (PROJECT, MODEL, SESSION), chosen)
+
+    def ask_where(self, save: Callable[[Path], str]) -> None:
+        """Let the user choose where to save a project; `save` returns a sentence if it can't be."""
+        app = self._app
+        name = app.project.name if app.project else f"{app.scene.name}{PROJECT}"
+        self._show("Save as", self.folder, (PROJECT,), save, name)
+
+    def _show(self, title, folder, endings, chosen, name=""):
+        if not self.native:
+            self._app.questions.dialog = FileDialog(title, folder, endings, chosen, name)
+        elif self._dialog is None:
+            self._dialog = NativeDialog(title, folder / name, endings, bool(name), chosen)
+
+    @property
+    def folder(self) -> Path:
+        """Where a dialog begins: at the project, at what was opened last, or at home."""
+        recent = [Path(name).parent for name in self._app.preferences.recent]
+        project = self._app.project
+        places = [*([project.parent] if project else []), *recent]
+        own = (path for path in places if os.path.isdir(path) and not path.is_relative_to(ROOT))
+        return next(own, Path.home())
+
+    def follow(self) -> None:
+        """Called in every frame: take what the system's dialog says, and open what was asked."""
+        if self._dialog is not None and not self._dialog.follow():
+            self._dialog = None
+        if self.asked is not None and self._app.questions.leaving is None:
+            self.open_asked()
 
     def open_asked(self) -> None:
         """Open what was asked for, in the place of what is shown."""

@@ -16,6 +16,7 @@ from deformrf.viewer.actions import ACTIONS, show_photograph
 from deformrf.viewer.camera import Covered, in_free_part
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import photographs as p
+from deformrf.viewer.parts import call
 
 LENSES = (
     pinhole(150.0, 120, 120),
@@ -115,13 +116,13 @@ def test_beside_the_render_it_is_as_large(app, folder):
     assert left.std() > 20
     assert abs(left - right).mean() < 0.35 * abs(np.roll(left, 4, axis=1) - right).mean()
     before, settings = app.controls.camera, app.scene.settings
-    settings.show_panel, settings.panel_width = True, 60.0  # less room: it is shown smaller
+    settings.show_timeline = True  # less room: it is shown smaller
     app.frame(0.0)
     orbit = app.scene.orbit
     assert app.controls.camera.focal < 0.9 * before.focal
     app.frame(0.0)
     assert (orbits.pose_of(app.scene.orbit) == orbits.pose_of(orbit)).all()
-    show_photograph(app, "hidden")
+    call(show_photograph, app, where="hidden")
     app.frame(0.0, whole=True)
     assert app.controls.covered.right == 0.0
 

@@ -222,6 +222,7 @@ def test_ctrl_o_and_a_click_open_a_file(app, other, monkeypatch):
         return result
 
     monkeypatch.setattr(imgui, "selectable", noted)
+    monkeypatch.setenv("HOME", str(other.parent))
     send(app, "on_key_press", key.O, key.MOD_CTRL)
     frames(app, 3)
     at = places["other.npz"]
@@ -233,9 +234,10 @@ def test_ctrl_o_and_a_click_open_a_file(app, other, monkeypatch):
     assert app.scene.name == "other" and app.questions.dialog is None
 
 
-def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other):
+def test_a_path_can_be_typed_and_escape_closes_the_dialog(app, other, monkeypatch):
     from pyglet.window import key
 
+    monkeypatch.setenv("HOME", str(other.parent))
     send(app, "on_key_press", key.O, key.MOD_CTRL)
     frames(app, 3)
     send(app, "on_key_press", key.ESCAPE, 0)

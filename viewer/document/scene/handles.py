@@ -123,9 +123,19 @@ class Handles:
 
     @property
     def pin_ids(self):
-        """The pins that are drawn: those by the surface."""
-        near = self._whole.near
-        return near[self._whole.solver.pinned[near] & ~self._posed_vertices[near]]
+        """The pins that are drawn: those by the surface, and one of each patch."""
+        near, pins = self._whole.near, self._whole.solver.pinned & ~self._posed_vertices
+        alone = near[pins[near] & (self.patches[near] == 0)]
+        numbers = np.unique(self.patches[pins & (self.patches > 0)])
+        return np.append(alone, [self._middle(pins, number) for number in numbers]).astype(int)
+
+    def _middle(self, pins, number):
+        """The vertex of a patch that is nearest to its middle; by the surface, if one is."""
+        ids = np.flatnonzero(pins & (self.patches == number))
+        near = ids[np.isin(ids, self._whole.near)]
+        ids = near if len(near) else ids
+        rest = self._whole.field.mesh.rest_vertices[ids]
+        return ids[((rest - rest.mean(axis=0)) ** 2).sum(axis=1).argmin()]
 
     @property
     def posed(self) -> tuple[int, ...]:

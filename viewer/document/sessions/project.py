@@ -135,7 +135,7 @@ def save_project(
     return path
 
 
-def _model_of(viewed):
+def _model_of(viewed: ShownObject):
     """The bytes of the model's file, if it still is what was opened; else those of a copy."""
     source = viewed.source
     try:
