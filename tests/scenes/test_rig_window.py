@@ -30,7 +30,7 @@ def viewer(tmp_path, give_up_window):
 
 
 def test_a_helmet_is_rigged_bent_keyed_and_filmed(viewer, tmp_path):
-    viewer.move(700, 650)
+    viewer.move(600, 640)
     hand.key(viewer, "Tab")  # no panel in the way
     hand.take(viewer, "joints", "j")
     joints = hand.place_joints(viewer, JOINTS)
@@ -51,10 +51,10 @@ def test_a_helmet_is_rigged_bent_keyed_and_filmed(viewer, tmp_path):
     viewer.wait(lambda: viewer.state()["moving"], 10, "the timeline plays")
     viewer.wait(lambda: not viewer.state()["moving"], 30, "the timeline has ended")
 
-    model = load(tmp_path / hand.written(viewer, "ctrl+s", 1))
+    model = load(tmp_path / hand.written(viewer, "export model", 1))
     rig = rig_from(model.rig_arrays, model.mesh.vertex_count)
     assert rig.skeleton.parents.tolist() == [-1, 0]
-    session = tmp_path / hand.written(viewer, "ctrl+shift+s", 2)
+    session = tmp_path / hand.written(viewer, "export session", 2)
     folder = tmp_path / "film"
     code = "import sys; from deformrf.commands.render import main; sys.exit(main())"
     shown = "--session", session, "--timeline", "--hide-handles", "--device", "cpu"

@@ -3,6 +3,7 @@
 import json
 import signal
 import time
+import zipfile
 
 import pytest
 from xwindow import LiveViewer, missing_tools, screen
@@ -10,7 +11,7 @@ from xwindow import LiveViewer, missing_tools, screen
 pytestmark = [pytest.mark.e2e, pytest.mark.gl]
 
 SIZE = "1000x700"
-STIFFNESS, DISCARD = (110, 268), (396, 383)  # a slider and a button in a window of that size
+BESIDE = 620, 640  # the object, in a window of that size
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def test_fields_dialogs_and_the_question_before_the_end(start, tmp_path):
     viewer = start()
     before = viewer.state()["young_modulus"]
     for text in ("nan", "inf", "1e999"):
-        viewer.move(*STIFFNESS)
+        viewer.move(*viewer.place("##stiffness"))
         viewer.tool("keydown", "ctrl", "click", 1, "keyup", "ctrl")
         time.sleep(0.4)
         viewer.tool("type", text)
@@ -80,7 +81,7 @@ def test_fields_dialogs_and_the_question_before_the_end(start, tmp_path):
     asked(viewer, "leaving")
     viewer.tool("key", "ctrl+q", "r", "space")
     viewer.ask_to_close()
-    viewer.drag((950, 650), (-60, 20))
+    viewer.drag(BESIDE, (-60, 20))
     after = viewer.next_state()
     assert after["question"] == "leaving" and after["undoes"] == "drag" and not after["paused"]
     assert after["yaw"] == state["yaw"] and viewer.events("orbit") == []
@@ -88,7 +89,7 @@ def test_fields_dialogs_and_the_question_before_the_end(start, tmp_path):
     asked(viewer, "")
     viewer.ask_to_close()
     asked(viewer, "leaving")
-    viewer.click(*DISCARD)
+    viewer.press("Discard")
     assert viewer.process.wait(20) == 0
     assert not list(tmp_path.glob("*.jsonl")) and not list(tmp_path.glob("state/*/sessions/*"))
 
@@ -100,8 +101,10 @@ def test_enter_saves_and_the_session_opens(start, tmp_path):
     asked(viewer, "leaving")
     viewer.tool("key", "Return")
     assert viewer.process.wait(20) == 0
-    (path,) = tmp_path.glob("session-*.jsonl")
-    assert "grab" in path.read_text() and not list(tmp_path.glob("state/*/sessions/*"))
+    (path,) = tmp_path.glob("project-*.deformrf")
+    assert "grab" in zipfile.ZipFile(path).read("session.jsonl").decode() and not list(
+        tmp_path.glob("state/*/sessions/*")
+    )
 
 
 def test_signals_keep_the_session_and_the_next_start_offers_it(start, tmp_path):

@@ -34,15 +34,15 @@ def test_a_copy_with_a_rig_and_its_session_open_together(start, tmp_path):
     """The session began with the model before it had bones; nothing of it is lost."""
     shutil.copy(DEFAULT_MODEL, tmp_path / "own.npz")
     viewer = start(tmp_path / "own.npz")
-    viewer.move(700, 650)
+    viewer.move(600, 640)
     hand.key(viewer, "Tab")  # no panel in the way
     hand.take(viewer, "joints", "j")
     joints = hand.place_joints(viewer, JOINTS)
     hand.take(viewer, "bones", "a")
     hand.drag_joint(viewer, 1, (60, 30))
     assert viewer.state()["undoes"] == "pose a bone"
-    copy = tmp_path / hand.written(viewer, "ctrl+s", 1)
-    session = tmp_path / hand.written(viewer, "ctrl+shift+s", 2)
+    copy = tmp_path / hand.written(viewer, "export model", 1)
+    session = tmp_path / hand.written(viewer, "export session", 2)
     bent = viewer.next_state()["max_displacement"]
     viewer.tool("key", "ctrl+q")  # all of it is saved: nothing is asked
     assert viewer.process.wait(20) == 0

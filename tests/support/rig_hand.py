@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-STRIP_LEFT, STRIP_RIGHT, STRIP_ABOVE = 94.0, 38.0, 104.0  # where ticks begin and end; the ruler
+STRIP_LEFT, STRIP_RIGHT, STRIP_ABOVE = 80.0, 24.0, 98.0  # where ticks begin and end; the ruler
 SHOWN = 300  # ticks on the strip, as long as no key is behind the fourth second
 
 
@@ -60,8 +60,8 @@ def scrub(viewer, tick):
     return viewer.next_state()["playhead"]
 
 
-def written(viewer, name, count):
-    """Press keys that write a file; its name."""
-    key(viewer, name)
-    viewer.wait(lambda: len(viewer.events("written")) >= count, 60, f"{name} has written a file")
+def written(viewer, words, count):
+    """Call the action that the search finds, which writes a file; its name."""
+    viewer.find(words)
+    viewer.wait(lambda: len(viewer.events("written")) >= count, 60, f"{words} has written a file")
     return viewer.events("written")[-1]["path"]

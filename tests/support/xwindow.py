@@ -8,10 +8,12 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
 NEEDED = ("Xvfb", "xdotool")
+WATCHED = Path(__file__).with_name("watched_viewer.py")
 
 
 def missing_tools():
@@ -52,7 +54,7 @@ class LiveViewer:
         for name in ("WAYLAND_DISPLAY", "OMP_NUM_THREADS"):  # as `make test` sets it
             self._env.pop(name, None)
         self._log = folder / "events.txt"
-        command = [sys.executable, "-m", "deformrf.viewer", str(model), "--log-events"]
+        command = [sys.executable, str(WATCHED), str(model), "--log-events"]
         with self._log.open("w") as stream:
             self.process = subprocess.Popen(
                 [*command, "--device", "cpu", *arguments],
@@ -107,7 +109,8 @@ class LiveViewer:
         apart = np.linalg.norm(at[:, None] - at[None], axis=-1)
         np.fill_diagonal(apart, np.inf)
         apart = apart.min(axis=1)
-        apart[at[:, 0] < 380] = 0.0
+        width = self.state()["size"][0]
+        apart[(at[:, 0] < 80) | (at[:, 0] > width - 330)] = 0.0
         best = apart.argmax()
         return entries[best]["id"], at[best]
 
@@ -124,6 +127,24 @@ class LiveViewer:
         self.move(x, y)
         self.tool("click", 1)
         time.sleep(0.2)
+
+    def place(self, label):
+        """Where a button, a field or an item of a menu is."""
+        self.wait(lambda: label in self.state()["widgets"], 20, f"{label!r} is shown")
+        return self.state()["widgets"][label]
+
+    def press(self, label):
+        """Click on it."""
+        self.click(*self.place(label))
+
+    def find(self, words):
+        """Call the action that the search finds first for some words."""
+        self.tool("key", "ctrl+f")
+        self.wait(lambda: self.state()["question"] == "dialog", 20, "the search is open")
+        self.tool("type", words)
+        time.sleep(0.5)
+        self.tool("key", "Return")
+        self.wait(lambda: self.next_state()["question"] != "dialog", 20, f"{words!r} is done")
 
     def ask_to_close(self):
         """What a window manager sends when the window's cross is clicked: WM_DELETE_WINDOW."""

@@ -161,7 +161,7 @@ def test_a_hand_poses_the_fox_with_the_gizmo_and_keys_it(tmp_path, give_up_windo
 
 
 def _pose_and_key(viewer):
-    viewer.click(752, 12)  # in the menu bar
+    viewer.press("Blender's")
     viewer.wait(lambda: viewer.next_state()["keys"] == "blender", 20, "the keys are Blender's")
     for name in ("Tab", "q", "ctrl+Tab"):  # no panel, rings, and bones
         hand.key(viewer, name)
