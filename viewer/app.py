@@ -36,6 +36,7 @@ WAITING_SECONDS = 0.1  # in each frame while thin parts are fitted
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
 FITTING = "working out how stiff thin parts are, once for this model: it moves in some seconds"
 REDRAW_SECONDS = 0.5  # between two frames at rest: messages disappear, curves grow
+PANEL_SECONDS = 0.1  # between two times that panels are built while something is dragged
 STATE_SECONDS = 0.5  # between two "state" events in the log
 INPUT_EVENTS = (
     *("on_key_press", "on_key_release", "on_text", "on_file_drop"),
@@ -68,8 +69,9 @@ class App:
         self.camera_history, self._caption = CameraHistory(), ""
         self.log_file = self.loaded_on = None  # that dialogs name; the last device and interop
         self._failed = False  # in the last turn of the loop
-        # When the window had an event, when its state was logged, when a frame was drawn.
-        self.last_event = self._last_state = self._drawn_at = 0.0
+        # When the window had an event, its state was logged, a frame was drawn, panels were built.
+        self.last_event = self._last_state = self._drawn_at = self._built_at = 0.0
+        self._has_news = True  # for the panels
         self.gui = self.panels = self.live = None  # a LiveRun, where it is shown
         window.push_handlers(self)
         if gui:
@@ -157,6 +159,9 @@ class App:
             self.opening.asked = Path(paths[0])
 
     def _note_event(self, *arguments):
+        self.last_event, self._has_news = time.perf_counter(), True
+
+    def _note_drag(self, *arguments):
         self.last_event = time.perf_counter()
 
     # -- loops ---------------------------------------------------------------------------
@@ -321,6 +326,13 @@ class App:
         begin_job(self)
 
     def _draw_panels(self):
+        """Draw the panels; in a plain drag they are built some times a second, else each frame."""
+        now, drag = time.perf_counter(), self.controls.held_drag
+        plain = drag is not None and drag.is_plain and not self.controls.free
+        if plain and not self._has_news and now - self._built_at < PANEL_SECONDS:
+            self.gui.show_again()
+            return
+        self._has_news, self._built_at = False, now
         settings = self.scene.settings
         self.gui.dress(settings.theme, settings.panel_scale)
         self.gui.begin()

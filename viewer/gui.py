@@ -302,6 +302,10 @@ class Gui:
         self._pressed = self._pressed and len(imgui.get_current_context().input_events_queue) > 0
         imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
 
+    def show_again(self) -> None:
+        """Draw the panels as they were built last."""
+        imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+
     def close(self) -> None:
         self.window.remove_handlers(self)
         imgui.backends.opengl3_shutdown()

@@ -10,7 +10,7 @@ SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too
     *("mode", "background", "checkerboard", "show_handles", "show_wireframe"),
-    *("show_ground", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
+    *("show_ground", "show_floor", "show_bones", "mesh_surface", "mesh_opacity", "mesh_range"),
 )
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192  # of images and films [pixels]
 SIDES = "left", "right"
@@ -48,6 +48,7 @@ class Settings:
     show_handles: bool = True
     show_wireframe: bool = False
     show_ground: bool = True  # where there is one
+    show_floor: bool = False  # to look at, under an object that stands where there is no ground
     show_bones: bool = True  # of a rig
     mesh_surface: str = "hidden"  # one of SURFACES, over the picture
     mesh_opacity: float = 0.85

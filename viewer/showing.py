@@ -35,6 +35,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
     is_first = app.scene is None
     if is_first:
         preferences.apply(app.preferences, scene.settings)
+        scene.settings.show_floor = app.gui is not None
     else:
         scene.settings = app.scene.settings
     app.show(scene, renderer, path)
@@ -58,6 +59,7 @@ def show(app, scene, renderer, path: str) -> None:
         path: How frames reach OpenGL, as upload.choose_path says.
     """
     noted = dict.fromkeys(app.window.event_types, app._note_event)
+    noted["on_mouse_drag"] = app._note_drag
     panels_first = [] if app.gui is None else [app.gui]
     radiance = RadianceLayer(app.ctx, scene, renderer, path, app.times)
     handle_layer = HandleLayer(app.ctx, scene)

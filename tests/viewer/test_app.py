@@ -83,9 +83,11 @@ def test_pressing_and_moving_bends_the_object(bare):
     assert [name for name, _ in bare.log][-2:] == ["grab", "release"]
 
 
-def test_a_line_says_how_to_begin_until_a_red_point_has_been_dragged(bare):
+def test_a_line_says_how_to_begin_until_a_red_point_has_been_dragged(bare, monkeypatch):
     from imgui_bundle import imgui
     from pyglet.window import mouse
+
+    monkeypatch.setattr("deformrf.viewer.app.PANEL_SECONDS", 0.0)  # also during the drag
 
     def is_shown():
         frames(bare, 2)

@@ -140,7 +140,14 @@ def toggle_handles(settings, handles):
 
 toggle("show_wireframe", "wireframe", "W", "View/Wireframe")
 toggle("show_bones", "hide or show bones", "SHIFT+H", "View/Bones")
-toggle("show_ground", "the ground with the object's shadow, where there is one", "", "View/Ground")
+
+
+@action(
+    *("the ground with the object's shadow", "", "View/Ground"),
+    on=lambda settings: settings.show_ground,
+)
+def toggle_ground(settings):
+    settings.show_ground = settings.show_floor = not settings.show_ground
 
 
 @action(

@@ -110,6 +110,9 @@ class OnGround(Protocol):
 
     settings: Settings
     on_ground: bool
+    held: bool
+    stands: bool  # as if on a ground
+    floor: float  # where a ground would be
     center: np.ndarray  # at rest  [3]
     size: float
     positions: np.ndarray  # [V, 3]
@@ -138,15 +141,24 @@ class GroundPlane:
         self._seen = None  # pose, what is left, and height of the shadow
 
     @property
+    def _height(self) -> float | None:
+        """Of the ground that is drawn; None: there is none."""
+        standing, settings = self._standing, self._standing.settings
+        if standing.on_ground:
+            return standing.solver.options.ground if settings.show_ground else None
+        rests = settings.show_floor and standing.stands and standing.held
+        return standing.floor if rests else None
+
+    @property
     def shown(self) -> bool:
-        return self._standing.on_ground and self._standing.settings.show_ground
+        return self._height is not None
 
     def uniforms(self, unit: int) -> dict:
         """What the shader takes, with the shadow's texture in that unit."""
         standing, cuts = self._standing, self._standing.cuts
-        if not self.shown:
+        height = self._height
+        if height is None:
             return {}
-        height = standing.solver.options.ground
         if self._middles is None or self._seen[1] != cuts.revision:
             self._middles = occupied_middles(cuts.field)
             self._seen = None

@@ -52,7 +52,7 @@ def _drag(controls, size, lines):
     for axis in range(3) if drag.held.axis is not None else ():
         if drag.held.across != (axis == drag.held.axis):
             _axis_line(controls, size, lines, axis)
-    if controls.free or drag.kind != "move" or drag.held.axis is not None or drag.held.text:
+    if controls.free or not drag.is_plain:
         x, y = controls.pointer / controls.ratio + BESIDE
         for shift, color in ((1.0, SHADE), (0.0, TEXT)):
             lines.add_text((x + shift, y + shift), LINE(color), drag.line)

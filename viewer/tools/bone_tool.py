@@ -34,6 +34,8 @@ class BoneDrag:
     angle: float = 0.0  # so far [radians]
     amount: float | None = None  # so far: object sizes or degrees
 
+    is_plain = False  # the gizmo, or how far it has turned, is shown
+
     @property
     def line(self) -> str:
         """What it does, in words."""

@@ -36,6 +36,11 @@ class Drag:
         """What it does, in words."""
         return self.held.words(self.kind, self.amount)
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether it moves freely: there are no axis and no amount to show."""
+        return self.kind == MOVE and self.held.axis is None and not self.held.text
+
     def begin(self, kind: str, motion, pixel) -> None:
         """Go on in another way from where the mouse and what is held are now."""
         self.kind, self.press, self.angle = kind, np.array(pixel, float), 0.0

@@ -91,12 +91,10 @@ def test_keys_play_rest_key_and_save(app):
 
 
 def test_a_copy_of_the_model_has_the_rig_as_it_is(app, tmp_path):
-    from pyglet.window import key
-
     from deformrf.core.field import load
 
     app.scene.rigging.name_bone(1, "top")
-    press(app, "S", key.MOD_CTRL)
+    app.actions.call("save_model")
     (path,) = tmp_path.glob("model-*.npz")
     model = load(path)
     found = rig.rig_from(model.rig_arrays, model.mesh.vertex_count)

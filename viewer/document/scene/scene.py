@@ -22,7 +22,7 @@ from .body import Body, stored_size
 from .cuts import LOWEST_PART, Cuts
 from .grabs import Ball
 from .handles import Handles
-from .surface import bounds, nearest_vertices, of_the_object
+from .surface import bounds, nearest_vertices, of_the_object, stands
 from .viewpoint import Viewpoint
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
@@ -55,6 +55,7 @@ class Scene:
         self._surface = rest if surface is None else surface
         low, high = bounds(self._surface)
         self.floor = float(self._surface[:, 2].min())  # where a ground is put
+        self.stands = stands(self._surface)
         self.center = 0.5 * (low + high)
         self.size = float((high - low).max())
         self.handle_radius = HANDLE_RADIUS * self.size

@@ -16,6 +16,7 @@ VIEW_SIZE = 64  # pixels
 SPECKS = 0.5  # percent of the points that the bounds leave out at each side
 MAX_POINTS = 4000
 STEP = 0.1  # of the object's radius, between the depths of two pixels of one surface
+FOOT, WIDE = 0.02, 0.33  # of the height, and of the width: what a foot is, how wide it has to be
 SPECK = 0.02  # of the vertices: components smaller than that have no handles
 
 
@@ -62,6 +63,21 @@ def _largest_step(depth):
 def bounds(points):
     """Lowest and highest corner of the box around the points, without specks.  [3], [3]"""
     return tuple(np.percentile(points, [SPECKS, 100.0 - SPECKS], axis=0))
+
+
+def stands(points) -> bool:
+    """Whether an object with these points [N, 3] looks as if it stood: its foot is wide.
+
+    The foot, the lowest FOOT of its height, is WIDE of all of it at least, and below its middle.
+    """
+    points = np.asarray(points, float)
+    (low, high), middle = bounds(points), np.median(points, axis=0)[:2]
+    foot = points[points[:, 2] <= low[2] + FOOT * (high - low)[2], :2]
+    if len(foot) < 3:
+        return False
+    left, right = foot.min(axis=0), foot.max(axis=0)
+    wide = (right - left >= WIDE * (high - low)[:2]).all()
+    return bool(wide and (left <= middle).all() and (middle <= right).all())
 
 
 def nearest_vertices(points, vertices):

@@ -116,7 +116,15 @@ ARGUMENTS = {
     "mode": one_of(MODES),
     "background": vector(3, share),
     **dict.fromkeys(
-        ("checkerboard", "show_handles", "show_wireframe", "show_ground", "show_bones"), flag
+        (
+            "checkerboard",
+            "show_handles",
+            "show_wireframe",
+            "show_ground",
+            "show_floor",
+            "show_bones",
+        ),
+        flag,
     ),
     "name": both(text(LONGEST_NAME, least=1), str.isprintable),
     "view": mapping(camera),
