@@ -40,6 +40,7 @@ SECTIONS = {
         TaskSection("Model", model_panel),
     ),
 }
+LEAST_PADDING = 6.0  # points, beside a word in its button
 ICONS = dict(zip(TASKS, ("hand_pointer", "bone", "clock", "film", "eye"), strict=True))
 
 
@@ -60,15 +61,16 @@ def inspector(settings, panels) -> None:
 
 
 def _tasks(settings):
-    """A button for each of TASKS; all fit, without their words if need be."""
-    spacing, count = 2.0, len(TASKS)
-    width = (imgui.get_content_region_avail().x - spacing * (count - 1)) / count
-    for number, task in enumerate(TASKS):
+    """A button for each of TASKS, as wide as its word asks; without words if they don't fit."""
+    spacing, words = 2.0, [task.capitalize() for task in TASKS]
+    widths = [imgui.calc_text_size(word).x for word in words]
+    spare = imgui.get_content_region_avail().x - spacing * (len(TASKS) - 1) - sum(widths)
+    fit = spare >= len(TASKS) * LEAST_PADDING
+    for number, (task, word, width) in enumerate(zip(TASKS, words, widths, strict=True)):
         if number:
             imgui.same_line(0.0, spacing)
-        word = task.capitalize()
-        fits = imgui.calc_text_size(word).x + 6.0 < width
-        label = word if fits else icon(ICONS[task])
+        label = word if fit else icon(ICONS[task])
+        width = width + spare / len(TASKS) if fit else (sum(widths) + spare) / len(TASKS)
         with highlighted(settings.task == task):
             if imgui.button(f"{label}##{task}", (width, 0.0)):
                 settings.task = task

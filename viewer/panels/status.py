@@ -13,9 +13,9 @@ def status_height() -> float:
     return imgui.get_frame_height()
 
 
-def status_line(controls, scene, handles, times, radiance, fly, takes, recorder) -> None:
+def status_line(controls, scene, handles, times, radiance, fly, takes, recorder, actions) -> None:
     """Draw it into the window that is being built."""
-    right = _facts(scene, handles, times, radiance)
+    right = _facts(scene, handles, times, radiance, actions.label("pause"))
     width = imgui.calc_text_size(right).x
     sign = recording_line(takes, recorder)
     if sign:
@@ -34,12 +34,16 @@ def hint_of(controls, fly) -> str:
         return fly.line
     if controls.held_drag is not None:
         return controls.held_drag.line
-    return controls.tool.hint
+    return f"{controls.tool.word}: {controls.tool.hint}"
 
 
-def _facts(scene, handles, times, radiance):
-    fps = 1.0 / max(times.frame_seconds(), 1e-6)
-    facts = [state_line(scene), f"{radiance.refined:.0%} sharp", f"{fps:.0f} fps"]
+def _facts(scene, handles, times, radiance, key):
+    fps, state = 1.0 / max(times.frame_seconds(), 1e-6), state_line(scene)
+    facts = [
+        state + f" ({key}: go on)" * (state == "paused"),
+        f"{radiance.refined:.0%} sharp",
+        f"{fps:.0f} fps",
+    ]
     count = len(handles.selected)
     if count:
         facts.insert(0, f"{count} point{'s' * (count != 1)} selected")
