@@ -16,6 +16,7 @@ MODIFIERS = {"CTRL": CTRL, "ALT": ALT, "SHIFT": SHIFT}
 LEFT_OUT = {
     *("quit", "open", "save_model", "save_session", "screenshot", "record", "save_film"),
     *("record_screen", "export_ply", "export_obj", "fly", "toggle_panel"),
+    *("new", "save", "save_as", "search"),
 }
 OFTEN = ("move", "turn", "scale", "along_x", "along_z", "cancel", "next_gizmo", "own_axes", "bones")
 NUMBERS = {"MINUS": "-", "PERIOD": ".", "BACKSPACE": "", **{f"_{n}": str(n) for n in range(10)}}

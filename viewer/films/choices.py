@@ -9,10 +9,10 @@ from ...core.base.paths import free_name, working_folder
 from ..settings import LARGEST_SIDE, SMALLEST_SIDE
 
 KINDS = {  # what is filmed
-    "take": "the take",
-    "all": "all that was done",
-    "timeline": "the timeline",
-    "turntable": "a turn around the object as it is now",
+    "take": "What was recorded",
+    "all": "All that was done",
+    "timeline": "The timeline",
+    "turntable": "A turn around the object",
 }
 AS_WINDOW, FREE = "as the window", "free"
 SIZES = (

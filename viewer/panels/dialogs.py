@@ -62,4 +62,7 @@ def _choice(dialog, width):
     imgui.end_child()
     if dialog.problem:
         imgui.text_wrapped(readable(dialog.problem))
+    if imgui.button("Save" if dialog.name else "Open"):
+        done = dialog.choose(dialog.typed()) or done
+    imgui.same_line()
     return imgui.button("Cancel") or done

@@ -14,12 +14,17 @@ SHADE, LINE = (0.0, 0.0, 0.0, 0.25), (1.0, 0.55, 0.1, 0.9)
 BLUR_TOOLTIP = """spreads the samples over half a frame's time;
 it needs 4 samples or more, and 16 look smooth"""
 SAMPLES_TOOLTIP = "rays a pixel: 16 make smooth edges, and take 16 times as long"
+FORMS = {
+    **dict.fromkeys(("1280x720", "1920x1080", "3840x2160"), ", landscape 16:9"),
+    **{"1080x1080": ", square 1:1", "1080x1920": ", portrait 9:16"},
+}
 FOLDER_HINT = "the current folder"
 
 
 def film_window(takes) -> None:
     """Ask what film to make."""
     choices = takes.choices
+    imgui.text("Film")
     imgui.dummy((FILM_WIDTH, 0.0))
     _kinds(takes)
     _picture(choices, takes.size)
@@ -62,7 +67,9 @@ def _picture(choices, window_size):
     def change(name, convert=str):
         return lambda value: setattr(choices, name, convert(value))
 
-    combo("size", choices.size, SIZES, change("size"))
+    sizes = {f"{size}{FORMS.get(size, '')}": size for size in SIZES}
+    shown = next(word for word, size in sizes.items() if size == choices.size)
+    combo("size", shown, sizes, lambda word: setattr(choices, "size", sizes[word]))
     if choices.size == FREE:
         sides("width, height", choices.free_size, partial(setattr, choices, "free_size"))
     imgui.text_disabled(choices.size_line(window_size))

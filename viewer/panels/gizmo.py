@@ -63,10 +63,12 @@ def gizmo_switch(settings, controls, gui, actions) -> None:
     words = {kind: kind.capitalize() for kind in GIZMOS}
     told = actions.with_key("next_gizmo", TOLD)
     segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
+    imgui.same_line()
     setting("own axes", settings, "own_axes", actions.with_key("own_axes", OWN))
     gizmo = controls.tool.gizmo
-    if gizmo is not None:
+    if gizmo is not None and imgui.tree_node("by numbers"):
         _amount(controls, gui, gizmo.kind)
+        imgui.tree_pop()
 
 
 def _amount(controls, gui, kind):

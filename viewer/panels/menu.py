@@ -10,10 +10,11 @@ from ..settings import KEYS
 from .hand import hand_switch, switch_width
 from .icons import icon
 from .keys import keys_offer, offer_width, offers_keys
-from .widgets import button
+from .widgets import button, icon_button
 
 BETWEEN = 16.0  # points between two groups at the right
 SEARCH_WIDTH = 150.0
+UNDO = {"rotate_left": "undo", "rotate_right": "redo"}  # icons, and what they call
 LINE = "-"  # before a title, under which a line is drawn
 
 
@@ -53,6 +54,8 @@ def menu_bar(settings, handles, actions, preferences, opening) -> None:
     and the choice of keys, as long as it is offered.
     """
     _items(TREES[settings.keys], actions, preferences, opening)
+    for glyph, action in UNDO.items():
+        icon_button(glyph, actions, action)
     style = imgui.get_style()
     right = imgui.get_window_width() - switch_width() - style.window_padding.x
     left = imgui.get_cursor_pos_x()

@@ -2,7 +2,7 @@
 
 from imgui_bundle import imgui
 
-from .bend import state_line, vertex_line
+from .bend import state_line
 from .filming import RECORDING_RED, recording_line
 
 BETWEEN = 18.0  # points
@@ -39,9 +39,10 @@ def hint_of(controls, fly) -> str:
 
 def _facts(scene, handles, times, radiance):
     fps = 1.0 / max(times.frame_seconds(), 1e-6)
-    facts = [state_line(scene), f"{radiance.refined:.0%}", f"{fps:.0f} fps"]
-    if handles.selected or handles.hover is not None or handles.grabbed is not None:
-        facts.insert(0, vertex_line(handles))
+    facts = [state_line(scene), f"{radiance.refined:.0%} sharp", f"{fps:.0f} fps"]
+    count = len(handles.selected)
+    if count:
+        facts.insert(0, f"{count} point{'s' * (count != 1)} selected")
     return "   ".join(facts)
 
 

@@ -5,7 +5,10 @@ from imgui_bundle import imgui
 from .icons import icon
 from .widgets import highlighted
 
-BUTTON, GAP = 34.0, 3.0  # points: a side of a button, and between two of them
+GAP = 2.0  # points, between two buttons
+WIDE, NARROW = (54.0, 40.0), (34.0, 30.0)  # a button with a word, and without
+LOW = 560.0  # points: a window that is lower has no words
+WORD = 11.0  # points, of its letters
 GROUPS = ("grab", "box", "lasso"), ("push", "stiffen", "soften"), ("joints", "bones")
 DELETING = ("delete", "delete box", "delete lasso")
 ACTIONS = {"push": "toggle_push"}  # of tools, where they aren't called like their action
@@ -13,7 +16,12 @@ ACTIONS = {"push": "toggle_push"}  # of tools, where they aren't called like the
 
 def strip_width() -> float:
     """What the strip takes of the window [points]."""
-    return BUTTON + 2.0 * imgui.get_style().window_padding.x * 0.6
+    return _size()[0] + 2.0 * imgui.get_style().window_padding.x * 0.5
+
+
+def _size():
+    """Of a button."""
+    return WIDE if imgui.get_io().display_size.y >= LOW else NARROW
 
 
 def tool_strip(controls, actions) -> None:
@@ -31,7 +39,23 @@ def tool_strip(controls, actions) -> None:
 
 def _button(controls, actions, tool):
     action = ACTIONS.get(tool.name, tool.name.replace(" ", "_"))
+    size, corner = _size(), imgui.get_cursor_screen_pos()
     with highlighted(controls.tool is tool):
-        if imgui.button(f"{icon(tool.icon)}##{tool.name}", (BUTTON, BUTTON - 4.0)):
+        if imgui.button(f"##{tool.name}", size):
             actions.call(action)
     imgui.set_item_tooltip(f"{actions.with_key(action, tool.title)}\n{tool.hint}")
+    middle = corner.x + 0.5 * size[0]
+    if size is NARROW:
+        _write(icon(tool.icon), middle, corner.y + 7.0, imgui.get_font_size())
+        return
+    _write(icon(tool.icon), middle, corner.y + 5.0, imgui.get_font_size())
+    _write(tool.word, middle, corner.y + 24.0, WORD)
+
+
+def _write(text, middle, y, size):
+    """Write a text around a middle [points]."""
+    imgui.push_font(None, size)
+    width = imgui.calc_text_size(text).x
+    color = imgui.get_color_u32(imgui.Col_.text.value)
+    imgui.get_window_draw_list().add_text((middle - 0.5 * width, y), color, text)
+    imgui.pop_font()

@@ -109,7 +109,7 @@ class Panels:
         height, side = size.y - top - low, self._panel_width()
         above_strip = height - STRIP_HEIGHT * settings.show_timeline
         at_left = settings.panel_side == "left"
-        self._fixed("tools", tool_strip, (0.0, top, strip_width(), height), padding=0.6)
+        self._fixed("tools", tool_strip, (0.0, top, strip_width(), height), padding=0.5)
         place = strip_width() if at_left else size.x - side
         self._fixed("task", inspector, (place, top, side, above_strip))
         self._fixed("status", status_line, (0.0, size.y - low, size.x, low), padding=0.4)

@@ -33,6 +33,7 @@ class Bend(DragTool):
         dragging: The Drag of what is grabbed.
     """
 
+    word = "Bend"
     name, title, icon, cross = "grab", "Bend", "hand_pointer", False
     hint = (
         "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"

@@ -283,6 +283,7 @@ class BoneTool(DragTool):
 class PoseTool(BoneTool):
     """Turns bones, reaches with their tips, and moves roots."""
 
+    word = "Pose"
     name, title, icon = "bones", "Pose bones", "person_running"
     hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
 
@@ -293,6 +294,7 @@ class JointTool(BoneTool):
     on_joints = True
     _matter = None  # what was deleted, and the Matter that is left, once it is needed
 
+    word = "Joints"
     name, title, icon = "joints", "Place joints", "bone"
     hint = "Click on the object: a joint, joined to the chosen one.  Drag: move.  Esc: back to Bend"
 

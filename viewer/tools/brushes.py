@@ -11,6 +11,7 @@ PAUSED_BALL = "paused: the ball pushes when time goes on (Space), or by a step (
 class Push(Tool):
     """A ball on the surface under the mouse pushes the object."""
 
+    word = "Push"
     name, title, icon = "push", "Push with a ball", "bowling_ball"
     hint = "Drag: a ball pushes the object.  Esc: back to Bend"
 
@@ -66,6 +67,7 @@ class Paint(Tool):
 class Stiffen(Paint):
     """Makes it stiffer."""
 
+    word = "Stiffen"
     name, title, icon = "stiffen", "Stiffen", "gem"
     hint = "Drag over the object: it gets stiffer there.  Esc: back to Bend"
 
@@ -73,6 +75,7 @@ class Stiffen(Paint):
 class Soften(Paint):
     """Makes it softer."""
 
+    word = "Soften"
     name, title, icon, factor = "soften", "Soften", "feather", 1.0 / 1.2
     hint = "Drag over the object: it gets softer there.  Esc: back to Bend"
 
@@ -80,6 +83,7 @@ class Soften(Paint):
 class DeleteBrush(Tool):
     """Deletes what is under the brush, one layer a stroke; beside the object the drag orbits."""
 
+    word = "Erase"
     name, title, icon = BRUSH, "Delete with a brush", "eraser"
     hint = (
         "Drag over what is to go, a layer a stroke.  Shift: all through.  Wheel: size.  Esc: back"

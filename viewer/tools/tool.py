@@ -27,14 +27,14 @@ class Tool:
 
     Attributes:
         name: One of TOOLS, the value of Settings.tool.
-        title, icon: Of its button: a word, and the name of a glyph.
+        title, word, icon: Of its button: what it is called, in one word, and the name of a glyph.
         hint: What it does, for the status line.
         cross: Whether the mouse is shown as a cross.
         waits: Whether it waits until the mouse has moved farther than in a click.
         mode: What it does now; empty if it doesn't hold the mouse.
     """
 
-    name = title = icon = hint = mode = ""
+    name = title = word = icon = hint = mode = ""
     cross, waits, can_cancel = True, False, True
     gizmo = held_drag = None
 
