@@ -22,7 +22,7 @@ from screenshots import SIZE, Studio
 from deformrf.core.field import pack_mask, subtet_middles
 
 WIDTH = 640  # of the pictures [pixels]
-QUALITY = 80
+QUALITY = 72
 SHOWN_STEP = 120  # of stage 2, at which training is shown
 TRAIN = "import sys; from deformrf.commands.train import main; sys.exit(main())"
 RENDER = "import sys; from deformrf.commands.render import main; sys.exit(main())"
