@@ -60,7 +60,7 @@ class Settings:
     show_panel: bool = True
     task: str = "bend"  # one of TASKS
     panel_side: str = "right"  # one of SIDES
-    panel_width: float = 300.0  # points
+    panel_width: float = 320.0  # points
     theme: str = "dark"  # one of THEMES
     panel_scale: float = 1.0  # letters and buttons, over what the system says
     show_help: bool = False

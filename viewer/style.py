@@ -47,12 +47,12 @@ def apply_style(theme: str) -> None:
         colors.header: (*header, 1.0),
         colors.header_hovered: accent(theme, 0.25),
         colors.header_active: accent(theme, 0.4),
-        colors.slider_grab: accent(theme, 0.55),
+        colors.slider_grab: accent(theme, 0.4),
         colors.slider_grab_active: accent(theme, 0.9),
         colors.check_mark: accent(theme),
         colors.scrollbar_bg: (0.0, 0.0, 0.0, 0.0),
         colors.scrollbar_grab: (*line, 1.0),
-        colors.modal_window_dim_bg: (0.0, 0.0, 0.0, 0.35),  # over what a dialog keeps from input
+        colors.modal_window_dim_bg: (0.0, 0.0, 0.0, 0.25),  # over what a dialog keeps from input
         colors.plot_lines: accent(theme),
         colors.plot_histogram: accent(theme, 0.6),  # progress bars
     }.items():

@@ -89,7 +89,7 @@ def test_fields_dialogs_and_the_question_before_the_end(start, tmp_path):
     asked(viewer, "")
     viewer.ask_to_close()
     asked(viewer, "leaving")
-    viewer.press("Discard")
+    viewer.press("Quit without saving")
     assert viewer.process.wait(20) == 0
     assert not list(tmp_path.glob("*.jsonl")) and not list(tmp_path.glob("state/*/sessions/*"))
 

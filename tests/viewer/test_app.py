@@ -202,7 +202,7 @@ def test_no_two_widgets_have_the_same_id(app, widgets, monkeypatch):
 def test_the_clip_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_path):
     app.scene.settings.task = "film"
     frames(app, 3)
-    click(app, [at for label, _, at in widgets if label == "Clip of the screen"][-1])
+    click(app, [at for label, _, at in widgets if label == "Record the screen"][-1])
     assert app.recorder.video is not None
     frames(app, 3)
     click(app, [at for label, _, at in widgets if label == "Stop the clip"][-1])

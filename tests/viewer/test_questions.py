@@ -77,15 +77,15 @@ def test_enter_saves_and_ends(worked, ball, tmp_path):
     assert not kept.exists() and left_behind(autosave_folder(), ball.mesh) is None
 
 
-@pytest.mark.parametrize("label", ["Discard", "Stay"])
+@pytest.mark.parametrize("label", ["Quit without saving", "Cancel"])
 def test_only_discard_removes_what_is_kept(worked, places, label, tmp_path):
     kept = worked.autosave.path
     quit_by(worked, "close")
     frames(worked)
     click(worked, places[label])
-    assert worked.window.has_exit == (label == "Discard")
+    assert worked.window.has_exit == (label == "Quit without saving")
     worked.end()
-    assert kept.exists() == (label == "Stay") and not list((tmp_path / "here").iterdir())
+    assert kept.exists() == (label == "Cancel") and not list((tmp_path / "here").iterdir())
 
 
 def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(

@@ -19,22 +19,15 @@ gesture("click on a golden point", "let it go: it was left there in Pose")
 
 
 @action("undo", "CTRL+Z", "Edit/Undo")
-def undo(scene, controls, say):
-    journal = scene.journal
-    count = journal.cursor
-    controls.cancel()
-    if journal.cursor < count:  # a drag's step, which is all that is taken back
-        say("undone: drag")
-        return
-    label = journal.undoes
-    say(f"undone: {label}" if scene.undo() else "nothing to undo")
+def undo(controls, say):
+    label = controls.undo()
+    say(f"undone: {label}" if label else "nothing to undo")
 
 
 @action("redo", "CTRL+SHIFT+Z", "Edit/Redo")
-def redo(scene, controls, say):
-    controls.cancel()
-    label = scene.journal.redoes
-    say(f"done again: {label}" if scene.redo() else "nothing to do again")
+def redo(controls, say):
+    label = controls.redo()
+    say(f"done again: {label}" if label else "nothing to do again")
 
 
 @action("pin what is held, selected or under the mouse", "P", "Edit/-Pin")
@@ -64,9 +57,8 @@ def undo_rest_here(body):
 
 
 @action("reset the deformation; pins come back", "R", "Edit/Reset", "ALT+G")
-def reset(scene, controls):
-    controls.cancel()
-    scene.reset()
+def reset(controls):
+    controls.reset()
 
 
 # -- drags -------------------------------------------------------------------------------------
@@ -161,9 +153,9 @@ tool("delete lasso", "in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Lasso")
 
 
 @action("parts with less than 1 % of the matter", menu="Edit/Delete/-Specks")
-def delete_specks(scene, controls, say):
+def delete_specks(cuts, controls, say):
     controls.cancel()
-    say(said(scene, scene.cuts.delete_specks))
+    say(said(cuts, cuts.delete_specks))
 
 
 # -- selection ---------------------------------------------------------------------------------

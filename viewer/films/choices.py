@@ -10,8 +10,8 @@ from ..settings import LARGEST_SIDE, SMALLEST_SIDE
 
 KINDS = {  # what is filmed
     "take": "What was recorded",
-    "all": "All that was done",
     "timeline": "The timeline",
+    "all": "All that was done",
     "turntable": "A turn around the object",
 }
 AS_WINDOW, FREE = "as the window", "free"

@@ -58,10 +58,10 @@ def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actio
     """What a beginner needs first; physics under *Advanced*."""
     _time_buttons(scene, actions)
     if section("Hand"):
-        number_setting("takes along", settings, "grab_radius", GRAB_RADII, "%.2f of size", 0, TAKES)
-        setting("anywhere", settings, "grab_anywhere", "on the object, not only at red points")
+        number_setting("takes along", settings, "grab_radius", GRAB_RADII, "%.2f of it", 0, TAKES)
+        setting("grab anywhere", settings, "grab_anywhere", "on the object, not only at red points")
         imgui.same_line()
-        setting("soft", settings, "soft_grab", SOFT)
+        setting("soft grip", settings, "soft_grab", SOFT)
         gizmo_switch(settings, controls, gui, actions)
         _selection(handles)
         _tool_options(settings, cuts, body, actions)
@@ -75,7 +75,7 @@ def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actio
     if section("World"):
         _world(scene, body)
     if section("Advanced", is_open=False):
-        _advanced(body, times)
+        _advanced(body, times, actions)
 
 
 def _choose(body, name):
@@ -109,9 +109,7 @@ def vertex_line(handles) -> str:
 def _time_buttons(scene, actions):
     button("Go on" if scene.paused else "Pause", actions, "pause")
     imgui.same_line()
-    button("Step", actions, "single_step", "one 60th of a second")
-    imgui.same_line()
-    button("Reset", actions, "reset", "back to the rest pose")
+    button("Original shape", actions, "reset", "back to how it was at rest, with its pins")
     imgui.same_line()
     imgui.text_disabled(state_line(scene))
 
@@ -140,10 +138,10 @@ def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):
 
 def _shape(body, actions):
     """What the object keeps of a pose."""
-    button("Rest here", actions, "rest_here", "return to this pose from now on")
+    button("Make this its shape", actions, "rest_here", "it returns to this pose from now on")
     if body.rests_elsewhere:
         imgui.same_line()
-        button("As before", actions, "undo_rest_here", "return to the shape before")
+        button("Shape before", actions, "undo_rest_here", "return to the shape before")
 
 
 def _tool_options(settings, cuts, body, actions):
@@ -161,7 +159,7 @@ def _tool_options(settings, cuts, body, actions):
 
 def _world(scene, body):
     """What the object is held by, and what it meets."""
-    checkbox("held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
+    checkbox("foot held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
     imgui.same_line()
     tooltip = f"under the object at rest; its lines are {line_spacing(body.meters):g} m apart"
     checkbox("ground", scene.on_ground, scene.set_ground, tooltip)
@@ -172,8 +170,9 @@ def _world(scene, body):
         slider("strength", body.gravity, GRAVITIES, "%.1f m/s²", scene.set_gravity)
 
 
-def _advanced(body, times):
+def _advanced(body, times, actions):
     """Physics: the rest of the material, the air, and the solver."""
+    button("Single step", actions, "single_step", "one 60th of a second; it pauses")
     _material_slider(body, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f", 0, POISSON)
     if body.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")

@@ -9,6 +9,7 @@ from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECO
 from .widgets import checkbox, combo, named, sides, slider, text_field, was_entered
 
 FILM_WIDTH = 340.0
+BUTTONS = 130.0  # points that the window takes besides what is chosen
 COLOR = imgui.get_color_u32
 SHADE, LINE = (0.0, 0.0, 0.0, 0.25), (1.0, 0.55, 0.1, 0.9)
 BLUR_TOOLTIP = """spreads the samples over half a frame's time;
@@ -24,14 +25,15 @@ FOLDER_HINT = "the current folder"
 def film_window(takes) -> None:
     """Ask what film to make."""
     choices = takes.choices
-    imgui.text("Film")
-    imgui.dummy((FILM_WIDTH, 0.0))
-    _kinds(takes)
-    _picture(choices, takes.size)
-    _file(choices, takes.problem)
-    checkbox(
-        "show its frame in the view", takes.shows_frame, partial(setattr, takes, "shows_frame")
-    )
+    imgui.text("What should the film show?")
+    height = imgui.get_io().display_size.y - BUTTONS
+    imgui.set_next_window_size_constraints((FILM_WIDTH, 0.0), (FILM_WIDTH, max(height, 60.0)))
+    if imgui.begin_child("choices", (FILM_WIDTH, 0.0), imgui.ChildFlags_.auto_resize_y.value):
+        _kinds(takes)
+        imgui.separator()
+        _picture(choices, takes.size)
+        _file(choices, takes.problem)
+    imgui.end_child()
     is_good = choices.name and not takes.why_not(choices.what)
     seconds = takes.film_seconds(choices.what)
     known = f"a film of {seconds:.1f} s; {takes.estimator.line}" if is_good else ""
@@ -43,7 +45,7 @@ def film_window(takes) -> None:
         takes.start_film()
     imgui.end_disabled()
     imgui.same_line()
-    if imgui.button("Not now"):
+    if imgui.button("Cancel"):
         takes.asking = False
 
 
@@ -84,7 +86,7 @@ def _picture(choices, window_size):
     imgui.begin_disabled(not choices.can_be_transparent)
     checkbox("transparent", choices.transparent, partial(setattr, choices, "transparent"))
     imgui.end_disabled()
-    checkbox("vertices in the film", choices.handles, partial(setattr, choices, "handles"))
+    checkbox("red points and bones in it", choices.handles, partial(setattr, choices, "handles"))
 
 
 def _file(choices, problem):

@@ -14,14 +14,16 @@ CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
 
 
 def filming_panel(settings, takes, recorder, actions):
-    label = "Stop recording" if takes.recording else "Record"
+    label = "Stop recording" if takes.recording else "Record what I do"
     button(label, actions, "record", RECORD_TOOLTIP)
     beside()
-    button("Film...", actions, "save_film", "of the timeline, of what was recorded, or a turn")
+    button(
+        "Make a film...", actions, "save_film", "of the timeline, of what was recorded, or a turn"
+    )
     beside()
-    button("Picture", actions, "screenshot", "of the view, into the current folder")
+    button("Save a picture", actions, "screenshot", "of the view, into the current folder")
     video = recorder.video
-    label = "Stop the clip" if video else "Clip of the screen"
+    label = "Stop the clip" if video else "Record the screen"
     button(label, actions, "record_screen", CLIP_TOOLTIP)
     if recording_line(takes, recorder):
         imgui.text_colored(RECORDING_RED, recording_line(takes, recorder))
@@ -31,8 +33,8 @@ def filming_panel(settings, takes, recorder, actions):
             f"{video.dropped_count} left out"
         )
     checkbox("frame guide", takes.shows_frame, partial(setattr, takes, "shows_frame"), GUIDE)
-    setting("transparent pictures of the field alone", settings, "transparent_screenshots")
-    setting("points in clips and pictures", settings, "handles_in_clips")
+    setting("pictures without background", settings, "transparent_screenshots")
+    setting("red points in clips and pictures", settings, "handles_in_clips")
     setting("panels in pictures", settings, "panel_in_screenshots")
 
 

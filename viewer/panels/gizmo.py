@@ -64,7 +64,7 @@ def gizmo_switch(settings, controls, gui, actions) -> None:
     told = actions.with_key("next_gizmo", TOLD)
     segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
     imgui.same_line()
-    setting("own axes", settings, "own_axes", actions.with_key("own_axes", OWN))
+    setting("its own axes", settings, "own_axes", actions.with_key("own_axes", OWN))
     gizmo = controls.tool.gizmo
     if gizmo is not None and imgui.tree_node("by numbers"):
         _amount(controls, gui, gizmo.kind)

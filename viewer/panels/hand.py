@@ -6,20 +6,26 @@ from ..settings import HANDS
 from .widgets import segments
 
 TOLD = {
-    "physics": "what you let go swings back",
-    "pose": "what you let go stays where it is, golden; a click on it lets it go",
+    "physics": "Physics: what you let go swings back",
+    "pose": "Pose: what you let go stays where it is, golden; a click on it frees it",
 }
-WORDS = {hand: hand.capitalize() for hand in HANDS}
+TITLE = "When let go:"
+WORDS = dict(zip(HANDS, ("springs back", "stays"), strict=True))
 
 
-def switch_width() -> float:
+def switch_width(titled: bool) -> float:
     """What the switch takes of a line [points]."""
     padding = 2.0 * imgui.get_style().frame_padding.x
-    return sum(imgui.calc_text_size(word).x + padding + 1.0 for word in WORDS.values())
+    words = sum(imgui.calc_text_size(word).x + padding + 1.0 for word in WORDS.values())
+    title = imgui.calc_text_size(TITLE).x + imgui.get_style().item_spacing.x
+    return words + title * titled
 
 
-def hand_switch(settings, handles, actions) -> None:
+def hand_switch(settings, handles, actions, titled: bool) -> None:
     """A button for each of HANDS."""
+    if titled:
+        imgui.text_disabled(TITLE)
+        imgui.same_line()
     segments(
         WORDS,
         settings.hand,

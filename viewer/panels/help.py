@@ -19,6 +19,11 @@ def help_size() -> tuple[float, float]:
 
 def help_window(settings, gui) -> None:
     """Draw it into the window that is being built."""
+    imgui.align_text_to_frame_padding()
+    imgui.text("Keys and gestures")
+    imgui.same_line(imgui.get_window_width() - 60.0)
+    if imgui.button("Close"):
+        settings.show_help = False
     gui.help_filter = text_field("##filter", gui.help_filter, "filter: a key, or what it does")
     words = gui.help_filter.lower().split()
     if imgui.begin_child("inputs"):

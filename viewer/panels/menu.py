@@ -50,19 +50,22 @@ TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 def menu_bar(settings, handles, actions, preferences, opening) -> None:
     """Draw it along the window's upper edge.
 
-    At its right end Physics | Pose; left of it, where there is space beside the menus, the search
-    and the choice of keys, as long as it is offered.
+    At its right end what becomes of what is let go, with its title in a wide window; left of it,
+    where there is space beside the menus, the search and the choice of keys, while it is offered.
     """
     _items(TREES[settings.keys], actions, preferences, opening)
     for glyph, action in UNDO.items():
         icon_button(glyph, actions, action)
-    style = imgui.get_style()
-    right = imgui.get_window_width() - switch_width() - style.window_padding.x
     left = imgui.get_cursor_pos_x()
+    end = imgui.get_window_width() - imgui.get_style().window_padding.x
+    offered = offer_width() + BETWEEN if offers_keys(preferences, settings) else 0.0
+    beside = left + offered + SEARCH_WIDTH + BETWEEN
+    titled = end - switch_width(True) > beside
+    right = end - switch_width(titled)
     place = right - SEARCH_WIDTH - BETWEEN
     if place > left:
-        keys_place = place - offer_width() - BETWEEN
-        if offers_keys(preferences, settings) and keys_place > left:
+        keys_place = place - offered
+        if offered and keys_place > left:
             imgui.set_cursor_pos_x(keys_place)
             keys_offer(settings, actions)
             imgui.same_line()
@@ -70,7 +73,7 @@ def menu_bar(settings, handles, actions, preferences, opening) -> None:
         label = f"{icon('magnifying_glass')}  Search   {actions.label('search')}"
         button(label, actions, "search", "all actions, by their names", SEARCH_WIDTH)
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
-    hand_switch(settings, handles, actions)
+    hand_switch(settings, handles, actions, titled)
 
 
 def _items(menu, actions, preferences, opening):

@@ -20,7 +20,8 @@ def search_window(search, questions, actions, settings, width) -> None:
     for key, by in WAYS.items():
         if imgui.is_key_pressed(key):
             search.move(by, len(found))
-    chosen = found[search.number] if was_entered() and search.number < len(found) else None
+    entered = was_entered() and search.text.strip() and search.number < len(found)
+    chosen = found[search.number] if entered else None
     height = min(HEIGHT, imgui.get_io().display_size.y - 120.0)
     if imgui.begin_child("found", (width, max(height, 60.0))):
         for number, entry in enumerate(found):

@@ -24,9 +24,9 @@ NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
 TURNS = 1.0, 60.0  # s
-STEPS = """1  Pose the object, turn the view: {key} keys both.
-2  Move the playhead, and key the next pose.
-3  {play} plays. {turn} turns the camera around."""
+STEPS = """1  Pose the object and turn the view. {key} keeps both, as a key.
+2  Move the red line, and make the next key.
+3  {play} plays. {turn} turns the camera around the object."""
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
 physics moves what the keys hold, pinned or by the mouse, and the rest follows;
 between poses of bones, bones turn, and softness says what follows them"""
@@ -57,11 +57,11 @@ def _buttons(timeline, strip, actions):
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
     imgui.same_line(0.0, GAP)
-    button("Key", actions, "key", "camera and pose at the playhead")
+    button("Key both", actions, "key", "keep camera and pose at the red line")
     imgui.same_line()
-    button("Camera", actions, "key_camera", "key the camera alone")
+    button("View only", actions, "key_camera", "keep the camera alone")
     imgui.same_line()
-    button("Pose", actions, "key_pose", "key the pose alone")
+    button("Pose only", actions, "key_pose", "keep the pose alone")
     imgui.same_line(0.0, GAP)
     button("Turntable", actions, "turntable", "camera keys around what it looks at, in a loop")
     imgui.same_line()

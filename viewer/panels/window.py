@@ -175,7 +175,9 @@ class Panels:
     def _question(self, covered):
         """The window in the middle that asks something: one after another."""
         name = self._app.questions.name
-        if name:
+        if name == "film":  # beside the picture, which shows what it will be
+            _set_place((1.0, 0.5), Covered())
+        elif name:
             _set_place((0.5, 0.5), covered)
         with self._gui.dialog(name, FLOATING) as shown:
             if shown:

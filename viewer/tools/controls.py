@@ -210,6 +210,27 @@ class Controls(DragKeys, Viewport):
             self.holder.cancel()
             self._end()
 
+    def undo(self) -> str | None:
+        """Take back the drag in progress, else the last step.  Returns which, or None."""
+        scene, journal = self.scene, self.scene.journal
+        count = journal.cursor
+        self.cancel()
+        if journal.cursor < count:  # a drag's step, which is all that is taken back
+            return "drag"
+        label = journal.undoes
+        return label if scene.undo() else None
+
+    def redo(self) -> str | None:
+        """Do the step again that was undone last; returns which.  None: there is none."""
+        self.cancel()
+        label = self.scene.journal.redoes
+        return label if self.scene.redo() else None
+
+    def reset(self) -> None:
+        """Give up the gesture, and reset the deformation."""
+        self.cancel()
+        self.scene.reset()
+
     def escape(self) -> None:
         """Give up the gesture; without one, put the tool away."""
         if self.mode:

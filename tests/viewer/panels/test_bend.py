@@ -159,14 +159,14 @@ def test_boxes_switch_what_surrounds_the_object(panel):
     for label, call in (
         ("gravity", EARTH),
         ("ground", True),
-        ("held", False),
+        ("foot held", False),
         ("automatic", False),
     ):
         panel.boxes[label] = True
         panel.frame()
-        assert panel.calls.pop() == ({"held": "hold"}.get(label, label), call)
+        assert panel.calls.pop() == ({"foot held": "hold"}.get(label, label), call)
     panel.scene.body.gravity = 5.0
-    panel.boxes = {"gravity": True, "soft": True}
+    panel.boxes = {"gravity": True, "soft grip": True}
     panel.frame()
     assert panel.calls == [("gravity", 0.0)]
     assert panel.scene.settings.soft_grab

@@ -395,6 +395,7 @@ class Handles:
             self._whole.grip.release()
             if self.grabbed.passing:
                 self.points = self.points.without_last()
+                self.selected = [one for one in self.selected if self.exists(one)]
             self.grabbed = None
 
     def _keep(self):

@@ -120,6 +120,7 @@ def test_a_place_is_held_by_a_point_that_passes_unless_it_is_pinned_or_posed(sce
     handles.drag_to(start + np.array([0.05, 0.0, 0.0]))
     scene.advance(TIME_STEP)
     np.testing.assert_allclose(handles.at([handle])[0] - start, [0.05, 0.0, 0.0], atol=1e-5)
+    handles.select([0, handle])
     if end == "pin":
         handles.pin_grab()
     elif end == "pose":
@@ -129,6 +130,7 @@ def test_a_place_is_held_by_a_point_that_passes_unless_it_is_pinned_or_posed(sce
         getattr(scene if end == "undo" else handles, end)()
     stays = end in ("pin", "pose")
     assert len(handles.points) == count + stays and handles.grabbed is None
+    assert handles.selected == [0, handle][: 1 + stays]
     assert not stays or handles.is_pinned(handle)
     scene.undo()
     assert len(handles.points) == count
