@@ -10,7 +10,7 @@ from .journal import Journal
 
 
 class Restorable(Protocol):
-    """A part of a whole."""
+    """A part of a scene."""
 
     def state(self) -> dict: ...
     def restore(self, state: dict) -> None: ...
@@ -40,18 +40,18 @@ class Undoable(Protocol):
     def let_loose(self) -> None: ...
 
 
-def state_of(whole: Undoable) -> dict:
+def state_of(scene: Undoable) -> dict:
     """Positions, pins, material and surroundings."""
-    solver = whole.solver
+    solver = scene.solver
     return {
-        "body": whole.body.state(),
-        "cuts": whole.cuts.state(),
-        "viewpoint": whole.viewpoint.state(),
-        "handles": whole.handles.state(),
-        "timeline": whole.timeline.state(),
-        "rigging": whole.rigging.state(),
-        "posing": whole.posing.state(),
-        "pinned": whole.pinned,
+        "body": scene.body.state(),
+        "cuts": scene.cuts.state(),
+        "viewpoint": scene.viewpoint.state(),
+        "handles": scene.handles.state(),
+        "timeline": scene.timeline.state(),
+        "rigging": scene.rigging.state(),
+        "posing": scene.posing.state(),
+        "pinned": scene.pinned,
         "vertices": solver.vertices.numpy().copy(),
         "velocities": solver.velocities.numpy().copy(),
         "asleep": solver.settled,
@@ -59,13 +59,13 @@ def state_of(whole: Undoable) -> dict:
     }
 
 
-def is_nothing(whole: Undoable, before: dict) -> bool:
+def is_nothing(scene: Undoable, before: dict) -> bool:
     """Whether an edit has changed nothing since a state; a body that it woke sleeps again."""
-    now = state_of(whole) | {"asleep": before["asleep"]}
+    now = state_of(scene) | {"asleep": before["asleep"]}
     if not _same(before, now):
         return False
-    if before["asleep"] and not whole.solver.settled:
-        whole.solver.fall_asleep()
+    if before["asleep"] and not scene.solver.settled:
+        scene.solver.fall_asleep()
     return True
 
 
@@ -85,50 +85,50 @@ def _same(one, other):
         return False
 
 
-def restore(whole: Undoable, state: dict) -> None:
+def restore(scene: Undoable, state: dict) -> None:
     """Return to a state; nothing is held afterwards."""
-    whole.let_loose()
-    whole.rigging.restore(state["rigging"])
-    whole.timeline.restore(state["timeline"])
-    whole.cuts.restore(state["cuts"])
-    solver = whole.solver
-    whole.body.restore(state["body"])
-    whole.viewpoint.restore(state["viewpoint"])
+    scene.let_loose()
+    scene.rigging.restore(state["rigging"])
+    scene.timeline.restore(state["timeline"])
+    scene.cuts.restore(state["cuts"])
+    solver = scene.solver
+    scene.body.restore(state["body"])
+    scene.viewpoint.restore(state["viewpoint"])
     solver.set_pinned(state["pinned"])
-    whole.handles.restore(state["handles"])
+    scene.handles.restore(state["handles"])
     solver.set_state(state["vertices"], state["velocities"])
     if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
         solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
-    whole.posing.restore(state["posing"])
+    scene.posing.restore(state["posing"])
     if state["asleep"]:  # awake, even a body at rest moves by roundings
         solver.fall_asleep()
-    whole.revision += 1
+    scene.revision += 1
 
 
-def begin_anew(whole: Undoable) -> None:
+def begin_anew(scene: Undoable) -> None:
     """Return to the state of the first frame, without a past."""
-    hand = whole.settings.hand
-    restore(whole, whole.first_state)
-    whole.settings.hand = hand  # a preference
-    whole.paused = False
-    whole.solver.reset()  # it sleeps
-    whole.journal.clear()
+    hand = scene.settings.hand
+    restore(scene, scene.first_state)
+    scene.settings.hand = hand  # a preference
+    scene.paused = False
+    scene.solver.reset()  # it sleeps
+    scene.journal.clear()
 
 
 @contextmanager
-def unless_it_fails(whole: Undoable):
+def unless_it_fails(scene: Undoable):
     """In the block, the scene is brought elsewhere; if that raises, it is as it was before."""
-    journal = whole.journal
-    state, floor, pins, paused = state_of(whole), whole.floor, whole.pins, whole.paused
-    view, settings = whole.orbit, dict(vars(whole.settings))
+    journal = scene.journal
+    state, floor, pins, paused = state_of(scene), scene.floor, scene.pins, scene.paused
+    view, settings = scene.orbit, dict(vars(scene.settings))
     past = vars(journal) | {"events": list(journal.events), "steps": list(journal.steps)}
     try:
         yield
     except BaseException:
-        restore(whole, state)
-        whole.floor, whole.pins, whole.orbit = floor, pins, view
-        vars(whole.settings).update(settings)
-        if whole.paused != paused:
-            whole.paused = paused
+        restore(scene, state)
+        scene.floor, scene.pins, scene.orbit = floor, pins, view
+        vars(scene.settings).update(settings)
+        if scene.paused != paused:
+            scene.paused = paused
         vars(journal).update(past)
         raise

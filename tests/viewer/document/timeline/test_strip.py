@@ -8,15 +8,17 @@ import pytest
 from deformrf.viewer.actions import ACTIONS
 from deformrf.viewer.document import Scene
 from deformrf.viewer.document.timeline import strip as s
+from deformrf.viewer.events import EventLog
+from deformrf.viewer.tools import Controls
 
 
 @pytest.fixture
 def app(ball):
     """What actions need of an App; `said` are its messages."""
-    said = []
+    said, scene = [], Scene(ball, "ball", "cpu")
     return SimpleNamespace(
-        scene=Scene(ball, "ball", "cpu"),
-        controls=SimpleNamespace(cancel=lambda: None),
+        scene=scene,
+        controls=Controls(scene, lambda: None, EventLog(False), said.append),
         recorder=SimpleNamespace(say=said.append),
         strip=s.Strip(scale=s.TimeScale(100.0, 600.0, 300)),
         said=said,
