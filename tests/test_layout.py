@@ -84,6 +84,7 @@ SLOW = {
 FUNCTION_LINES_MAX = 60
 NARROW = "viewer/document", "viewer/layers"  # whose parts see each other by protocols
 WHOLE_SCENE = {  # what really is about all of it
+    "history/undo.py": ["state_of", "is_nothing", "restore", "begin_anew", "unless_it_fails"],
     "sessions/session.py": ["start_of"],
     "sessions/player.py": ["__init__"],
 }
