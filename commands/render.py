@@ -56,7 +56,7 @@ class RenderArguments:
     output: Annotated[File, Arg("FILE", short="-o")] = None
     """File to write, a .mp4, .webm or .webp, or a folder for numbered PNG files."""
     session: File = None
-    """A session that deformrf view has saved (Ctrl+Shift+S)."""
+    """A session that deformrf view has saved (File > Export > Session)."""
     timeline: bool = False
     """Show the timeline that the session ends with, from its beginning to its last key."""
     turntable: Seconds = None

@@ -110,7 +110,7 @@ class ViewArguments:
     """The object's longest side [m]; by default what the model says, else one model unit is 1 m.
     The same material is stiffer for its weight where the object is smaller."""
     session: File = None
-    """Begin where this session ended (Ctrl+Shift+S saves one)."""
+    """Begin where this session ended (File > Export > Session saves one)."""
     mode: Mode | None = None
     """View mode, by default color; samples are those along a ray, error is the difference from the
     exact mode of rendering."""

@@ -22,7 +22,7 @@ from screenshots import SIZE, Studio
 from deformrf.core.field import pack_mask, subtet_middles
 
 WIDTH = 640  # of the pictures [pixels]
-QUALITY = 80
+QUALITY = 72
 SHOWN_STEP = 120  # of stage 2, at which training is shown
 TRAIN = "import sys; from deformrf.commands.train import main; sys.exit(main())"
 RENDER = "import sys; from deformrf.commands.render import main; sys.exit(main())"
@@ -30,7 +30,7 @@ PULL = np.array([0.30, 0.05, -0.06])  # object sizes
 CRUMBS = 0.05  # model units: lower, there is no toy
 PULL_TICKS, FREE_TICKS = 50, 50
 GRAY = (0.72, 0.77, 0.84)
-FILM = ["--size", "320x300", "--fps", "12", "--samples", "8", "--hide-handles", "--device", "cpu"]
+FILM = ["--size", "320x300", "--fps", "10", "--samples", "8", "--hide-handles", "--device", "cpu"]
 
 
 def run(code, *arguments):
@@ -126,8 +126,9 @@ class Pictures:
         low = scene.center - np.array([0.0, 0.0, 0.3 * scene.size])
         scene.orbit = replace(first, target=low, distance=0.55 * first.distance, pitch=0.45)
         white, scene.settings.background = scene.settings.background, GRAY  # crumbs are white
+        scene.settings.show_floor = False  # so is the ground
         app.frame(0.0, whole=True)
-        start, end = np.array([380.0, 130.0]), np.array([620.0, 62.0])
+        start, end = np.array([130.0, 165.0]), np.array([400.0, 100.0])
         controls.on_mouse_motion(*start, 0, 0)
         controls.on_mouse_press(*start, 1, 1)  # with Shift
         controls.on_mouse_drag(*end, *(end - start), 1, 1)
@@ -139,6 +140,7 @@ class Pictures:
         scene.cuts.delete_specks()
         scene.settings.tool, scene.settings.show_handles = "grab", True
         scene.orbit, scene.settings.background = first, white
+        scene.settings.show_floor = True
 
     def bend(self, studio):
         """The head is dragged aside, and let go for the film."""

@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pyglet
+from PIL import Image
 
 SIZE = 1200, 800
 SETTLING = 40  # frames
+SHADES = 128  # of each color in the files: half the renderer's, which nobody sees
 
 
 class Studio:
@@ -31,7 +33,9 @@ class Studio:
         self.app = App(window, context, EventLog(False))
         self.app.load(field or fields.load(DEFAULT_MODEL), name, "cpu")
         self.app.questions.left_behind = None
-        self.app.scene.settings.panel_in_screenshots = True
+        settings = self.app.scene.settings
+        settings.panel_in_screenshots = True
+        settings.has_dragged = True  # or a line over the picture says how to bend it
 
     def frames(self, count, seconds=1 / 60):
         for _ in range(count):
@@ -79,7 +83,9 @@ def selection(studio):
 
 
 def strain(studio):
-    studio.app.scene.settings.mesh_surface = "strain"
+    settings = studio.app.scene.settings
+    settings.mesh_surface, settings.task = "strain", "view"
+    settings.panel_side = "left"  # the legend is at the window's right edge
     studio.drag(studio.top()[0], (0.22, -0.05, -0.04))
 
 
@@ -99,7 +105,7 @@ def timeline(studio):
     studio.drag(studio.top()[0], (0.22, -0.05, -0.04))
     app.scene.timeline.scrub(120)
     ACTIONS["key_pose"](app)
-    app.scene.settings.show_timeline = True
+    app.scene.settings.task = "animate"
     studio.frames(2)
 
 
@@ -110,7 +116,8 @@ def rig(studio):
     app, scene = studio.app, studio.app.scene
     for place in ((0.53, 0.52, 0.13), (0.55, 0.55, 0.4), (0.51, 0.5, 0.78)):
         scene.rigging.add_joint(np.array(place))
-    scene.settings.tool, scene.settings.show_handles = "bones", False
+    settings = scene.settings
+    settings.task, settings.tool, settings.show_handles = "rig", "bones", False
     ACTIONS["rest_bones"](app)
     ACTIONS["key_pose"](app)
     scene.timeline.scrub(90)
@@ -124,6 +131,14 @@ def rig(studio):
 STATES = {act.__name__: act for act in (viewer, selection, strain, ground, timeline, rig)}
 
 
+def shrink(path):
+    """Write a picture again with fewer shades, as a smaller file."""
+    shares = np.asarray(Image.open(path).convert("RGB")) / 255.0
+    steps = SHADES - 1
+    shades = np.round(np.round(shares * steps) * (255.0 / steps)).astype(np.uint8)
+    Image.fromarray(shades).save(path, optimize=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("docs/figures"))
@@ -133,7 +148,9 @@ def main():
     for name in arguments.only:
         studio = Studio()
         STATES[name](studio)
-        studio.picture(arguments.out / f"{name}.png")
+        path = arguments.out / f"{name}.png"
+        studio.picture(path)
+        shrink(path)
         studio.app.end()
         studio.app.close()
 

@@ -72,7 +72,7 @@ def still(act, model, path, folder):
     studio.frames(1)
     studio.picture(folder / "picture.png")
     picture = Image.open(folder / "picture.png").convert("RGB")
-    picture.resize(SIZE, Image.Resampling.LANCZOS).save(path, quality=85, method=6)
+    picture.resize(SIZE, Image.Resampling.LANCZOS).save(path, quality=60, method=6)
     app.end()
     app.close()
 
