@@ -161,9 +161,9 @@ tool("delete lasso", "in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Lasso")
 
 
 @action("parts with less than 1 % of the matter", menu="Edit/Delete/-Specks")
-def delete_specks(scene, controls, say):
+def delete_specks(cuts, controls, say):
     controls.cancel()
-    say(said(scene, scene.cuts.delete_specks))
+    say(said(cuts, cuts.delete_specks))
 
 
 # -- selection ---------------------------------------------------------------------------------
