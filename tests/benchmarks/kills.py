@@ -9,7 +9,8 @@ there has to be whole, or the new one is; what was not there may be absent; SIGK
 other files, .<name>-<random>.part; what can be gone on with goes on where it was.  `starts` are
 processes as a shell begins them; the others are forked from one that has imported the commands.
 
-The windows of `live`, `sessions` and `projects` are on a screen of their own if Xvfb is there, else left out.
+The windows of `live`, `sessions` and `projects` are on a screen of their own if Xvfb is there, else
+left out.
 """
 
 import argparse

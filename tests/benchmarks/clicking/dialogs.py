@@ -2,11 +2,15 @@
 
 import os
 import signal
+import time
 import zipfile
+from functools import partial
 
 from .hand import TEXTS, Gone
+from .widgets import use
 
 OPEN, SAVE = "open", "save as"
+SECONDS = 5.0  # until a window has answered
 HOW = {OPEN: "ctrl+o", SAVE: "ctrl+shift+s", "film": "ctrl+F9", "search": "ctrl+f"}
 ASKED = {OPEN: "dialog", SAVE: "dialog", "film": "film", "search": "dialog", "leaving": "leaving"}
 
@@ -35,7 +39,7 @@ def wrong_files(folder) -> dict:
         "blanks": "   ",
         "a name with a slash": "a/b/c.deformrf",
         "a root": "/",
-        "a device": "/dev/null",
+        "a folder of no files": "/proc/a.deformrf",
         "nobody's home": "~nobody-there/a.deformrf",
         "a file as a folder": folder / "none.npz" / "a.deformrf",
         "5,000 characters": "n" * 5000,
@@ -47,43 +51,28 @@ def wrong_files(folder) -> dict:
         "another ending": folder / "other.txt",
         "an empty file": folder / "empty.deformrf",
         "a hollow zip": folder / "hollow.deformrf",
-        "non-Latin": "жёлтый 日本.deformrf",
+        "non-Latin": "жñ日.deformrf",
     }
 
 
 def every_dialog(hand, again):
     """All of it; returns the last window."""
-    hand = _with(hand, again, "files", _make_files)
-    wrong = hand.wrong if hasattr(hand, "wrong") else wrong_files(hand.folder / "wrong")
+    wrong = wrong_files(hand.folder.parent / f"wrong-{hand.size[0]}")
     for which in (OPEN, SAVE):
         for name, path in wrong.items():
             for way in ("Return", "button"):
                 step = f"{name}, {way}"
-
-                def go(hand, which=which, path=path, way=way, step=step):
-                    _wrong_path(hand, which, str(path), way, step)
-
+                go = partial(_wrong_path, which=which, path=str(path), way=way, step=step)
                 hand = _with(hand, again, which, go, step)
     for which, key in HOW.items():
         for way in ("Escape", "a click beside", "two clicks beside, Escape", "the key again"):
-
-            def go(hand, which=which, key=key, way=way):
-                _ended(hand, which, key, way)
-
+            go = partial(_ended, which=which, key=key, way=way)
             hand = _with(hand, again, which, go, way)
     for name, text in TEXTS.items():
-
-        def go(hand, name=name, text=text):
-            _searched(hand, name, text)
-
-        hand = _with(hand, again, "search", go, name)
+        hand = _with(hand, again, "search", partial(_searched, name=name, text=text), name)
     hand = _with(hand, again, "film", _film_fields, "its fields")
     hand = _with(hand, again, "leaving", _leaving, "all ways")
-    return _with(hand, again, "recovery", lambda hand: _recovery(hand, again), "all ways")
-
-
-def _make_files(hand):
-    hand.wrong = wrong_files(hand.folder / "wrong")
+    return _with(hand, again, "recovery", partial(_recovery, again=again), "all ways")
 
 
 def _with(hand, again, part, call, step="all"):
@@ -97,10 +86,19 @@ def _with(hand, again, part, call, step="all"):
 def _opened(hand, which, key):
     hand.calm()
     hand.keys(key)
-    state = hand.fresh()
-    if state["question"] != ASKED[which]:
-        hand.note(f"dialog {which}", key, f"is not shown, but {state['question']!r}")
-    return state
+    if not _soon(hand, lambda state: state["question"] == ASKED[which]):
+        hand.note(f"dialog {which}", key, f"is not shown, but {hand.state()['question']!r}")
+    return hand.fresh()
+
+
+def _soon(hand, condition):
+    """Whether something is so within some seconds, on a machine with other work."""
+    end = time.monotonic() + SECONDS
+    while not condition(hand.fresh()):
+        if time.monotonic() > end:
+            return False
+        hand.next_state()
+    return True
 
 
 def _wrong_path(hand, which, path, way, step):
@@ -116,7 +114,7 @@ def _wrong_path(hand, which, path, way, step):
         hand.reach_and_click("Open" if which == OPEN else "Save", "button")
     state = hand.check(part, step)
     shown = state["question"] == "dialog"
-    if not shown and which == OPEN:
+    if which == OPEN and not _soon(hand, lambda state: state["question"] == "dialog"):
         hand.note(part, step, f"nothing is said of it: {state['said']!r}")
     if not shown and which == SAVE:
         hand.tally.tried(part, "of these written")
@@ -181,8 +179,6 @@ def _film_fields(hand):
 
 
 def _film_choices(hand, part):
-    from .widgets import _use
-
     _opened(hand, "film", HOW["film"])
     done = set()
     while True:
@@ -202,7 +198,7 @@ def _film_choices(hand, part):
         hand.tally.tried(part, one["kind"])
         hand.stays = "film"
         try:
-            _use(hand, part, one, f"{one['kind']} {one['label']!r}")
+            use(hand, part, one, f"{one['kind']} {one['label']!r}")
             hand.check(part, one["label"])
         finally:
             hand.stays = ""
@@ -251,7 +247,7 @@ def _recovery(hand, again):
         hand.tally.tried(part, way)
         if not hand.fresh()["unsaved"]:
             hand.bend()
-        hand.wait(lambda: _kept(hand), 40, "the session is kept")
+        hand.wait(partial(_kept, hand), 40, "the session is kept")
         hand.process.send_signal(signal.SIGKILL)
         hand.process.wait(20)
         hand = again(hand, same=True)
@@ -266,12 +262,16 @@ def _recovery(hand, again):
             hand.keys(way)
         state = hand.check(part, way)
         if way == "Return":
-            hand.wait(lambda: hand.next_state()["undoes"], 40, "it goes on")
+            hand.wait(partial(_undoes, hand), 40, "it goes on")
             hand.check(part, "gone on")
         hand.calm()
         if way != "Delete it" and not _kept(hand):
             hand.note(part, way, "the session that was kept is gone")
     return hand
+
+
+def _undoes(hand):
+    return hand.next_state()["undoes"]
 
 
 def _kept(hand):

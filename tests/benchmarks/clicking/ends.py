@@ -113,26 +113,19 @@ def _quit(hand, step, way, has_work):
     asked = []
     for _ in range(6):
         try:
-            code = hand.process.wait(1.5)
+            hand.process.wait(1.5)
             break
         except subprocess.TimeoutExpired:
-            state = hand.check(PART, step)
-        if state["question"] == "leaving":
-            asked.append("leaving")
-            labels = [i["label"] for i in state["items"] if i["kind"] == "button"]
-            wanted = "Stop it and quit" if "Stop it and quit" in labels else "Discard"
-            hand.tool("mouseup", 1)
-            if not hand.reach_and_click(wanted, "button"):
-                hand.note(PART, step, f"{wanted} can't be clicked on")
-        else:
-            hand.tool("mouseup", 1)
-            _ask(hand, way)
-    else:
+            pass
         try:
-            code = hand.process.wait(SECONDS)
-        except subprocess.TimeoutExpired:
-            hand.note(PART, step, "it does not end")
-            return
+            _answer(hand, step, way, asked)
+        except Gone:  # meanwhile
+            break
+    try:
+        code = hand.process.wait(SECONDS)
+    except subprocess.TimeoutExpired:
+        hand.note(PART, step, "it does not end")
+        return
     if code:
         hand.note(PART, step, f"exit code {code}")
     if has_work and not asked:
@@ -143,6 +136,20 @@ def _quit(hand, step, way, has_work):
         hand.note(PART, step, entry["line"])
     for line in hand._logged():
         hand.note(PART, step, line)
+
+
+def _answer(hand, step, way, asked):
+    """Lose what would be lost; ask again if nothing was asked."""
+    state = hand.check(PART, step)
+    hand.tool("mouseup", 1)
+    if state["question"] != "leaving":
+        _ask(hand, way)
+        return
+    asked.append("leaving")
+    labels = [i["label"] for i in state["items"] if i["kind"] == "button"]
+    wanted = "Stop it and quit" if "Stop it and quit" in labels else "Discard"
+    if not hand.reach_and_click(wanted, "button"):
+        hand.note(PART, step, f"{wanted} can't be clicked on")
 
 
 def _ask(hand, way):

@@ -19,7 +19,7 @@ TEXTS = {  # what is typed into fields
     "empty": "",
     "text": "text",
     "long": "long" * 75,
-    "non-Latin": "жёлтый ñandú 日本",
+    "non-Latin": "жñ日",
 }
 WITHOUT_RIGHTS = "-dac_override,-dac_read_search"  # root, too, is refused what has no permission
 MAIN = "##MainMenuBar"
@@ -53,7 +53,7 @@ class Hand(LiveViewer):
         self.tally, self.size, self.folder = tally, size, folder
         self._read, self._rest, self._states, self._kept, self._waits = 0, b"", 0, [], 0
         self._state = None
-        self._noted = set()
+        self._noted, self.stays = set(), ""
         self._log_size = 0
         os.environ[CLOSELY] = "1"
         super().__init__(display, model, folder, "--size", f"{size[0]}x{size[1]}", *arguments)
@@ -210,12 +210,17 @@ class Hand(LiveViewer):
         elif text.isascii():
             self.tool("type", "--delay", 1, "--", text)
         else:
-            self.tool("type", "--delay", 25, "--", text)
+            self.tool("type", "--delay", 400, "--", text)
 
     def calm(self) -> dict:
-        """Close lists, dialogs and the help; end flights and drags; show the panel."""
+        """Close lists, dialogs and the help; end flights and drags; show the panel.
+
+        The question `stays`, if that is asked, does so, and only lists over it are closed.
+        """
         for _ in range(8):
             state = self.fresh()
+            if self.stays and state["question"] == self.stays and len(state["popups"]) < 2:
+                return state
             settings = state["values"]["settings"]
             busy = state["popups"] or state["question"] or state["flying"] or settings["show_help"]
             if not busy and state["mode"] in ("", "orbit"):

@@ -1,5 +1,7 @@
 """Every button, box, list, slider and field of the panels is used."""
 
+from functools import partial
+
 from .hand import TEXTS, Gone
 
 TASKS = "Bend", "Rig", "Animate", "Film", "View"
@@ -14,7 +16,7 @@ def every_widget(hand, again):
     done = set()
     for task in TASKS:
         part = f"task {task}"
-        hand = _safely(hand, again, part, "its button", lambda hand: _go(hand, task))
+        hand = _safely(hand, again, part, "its button", partial(_go, task=task))
         for _ in range(MOST):
             try:
                 one = _next(hand, task, done)
@@ -25,16 +27,17 @@ def every_widget(hand, again):
             if one is None:
                 break
             step = f"{one['kind']} {one['label']!r}"
-
-            def use(hand, one=one, step=step):
-                hand.tally.tried(part, one["kind"])
-                _use(hand, part, one, step)
-                hand.check(part, step)
-                hand.calm()
-                _go(hand, task)
-
-            hand = _safely(hand, again, part, step, use)
+            one_use = partial(_use_once, part=part, one=one, step=step, task=task)
+            hand = _safely(hand, again, part, step, one_use)
     return hand
+
+
+def _use_once(hand, part, one, step, task):
+    hand.tally.tried(part, one["kind"])
+    use(hand, part, one, step)
+    hand.check(part, step)
+    hand.calm()
+    _go(hand, task)
 
 
 def _safely(hand, again, part, step, call):
@@ -69,7 +72,7 @@ def _next(hand, task, done):
     return None
 
 
-def _use(hand, part, one, step):
+def use(hand, part, one, step):
     key, kind = one["id"], one["kind"]
     if hand.reach(key, kind) is None:
         if hand.item(key, kind) is not None:
