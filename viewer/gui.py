@@ -257,6 +257,8 @@ class Gui:
         """
         if self._dialog and self._dialog != name and imgui.is_popup_open(self._dialog):
             imgui.internal.close_popup_to_level(0, True)
+        if self._dialog and self._dialog != name:
+            self._forget_input()
         self._dialog = name
         if not name:
             yield False
@@ -268,6 +270,12 @@ class Gui:
         if shown:
             self.claim()
             imgui.end_popup()
+
+    def _forget_input(self):
+        """A dialog is gone: keys that ImGui still has for it, in slow frames, are not another's."""
+        self._io.clear_events_queue()
+        self._io.clear_input_keys()
+        self._io.clear_input_mouse()
 
     def guarded(self, panel, *arguments, window=None) -> None:
         """Draw a panel; one that fails says so and is tried again in the next frame.
@@ -284,8 +292,10 @@ class Gui:
                 call(panel, window, *arguments)
         except Exception as error:
             self._io.config_error_recovery_enable_assert = False  # to close what it opened
-            imgui.internal.error_recovery_try_to_recover_state(state)
-            self._io.config_error_recovery_enable_assert = True
+            try:
+                imgui.internal.error_recovery_try_to_recover_state(state)
+            finally:
+                self._io.config_error_recovery_enable_assert = True
             message = f"{panel.__name__} failed: {error}"
             imgui.text_wrapped(message)
             if self.log_file is not None:

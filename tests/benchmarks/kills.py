@@ -9,7 +9,8 @@ there has to be whole, or the new one is; what was not there may be absent; SIGK
 other files, .<name>-<random>.part; what can be gone on with goes on where it was.  `starts` are
 processes as a shell begins them; the others are forked from one that has imported the commands.
 
-The windows of `live` and `sessions` are on a screen of their own if Xvfb is there, else left out.
+The windows of `live`, `sessions` and `projects` are on a screen of their own if Xvfb is there, else
+left out.
 """
 
 import argparse
@@ -43,6 +44,8 @@ KINDS = {  # module and class of each
     "live": ("films", "Live"),
     "sessions": ("sessions", "Sessions"),
     "sessions signals": ("sessions", "SessionSignals"),
+    "projects": ("projects", "Projects"),
+    "projects signals": ("projects", "ProjectSignals"),
     "report": ("reports", "WrittenReport"),
     "training": ("trainings", "Training"),
     "training signals": ("trainings", "TrainingSignals"),
@@ -55,7 +58,7 @@ KINDS = {  # module and class of each
     "two trainings": ("pairs", "TwoTrainings"),
     "two captures": ("pairs", "TwoFindings"),
 }
-NEED_DISPLAY = {"live", "sessions", "sessions signals"}
+NEED_DISPLAY = {"live", *(name for name in KINDS if name.startswith(("sessions", "projects")))}
 
 
 def tried(name, context, count, rng) -> dict:

@@ -21,12 +21,12 @@ def missing_tools():
 
 
 @contextmanager
-def screen(folder):
+def screen(folder, size="1200x900"):
     """An X server of our own: its name, and the file with its pixels."""
     reading, writing = os.pipe()
     server = subprocess.Popen(
         [
-            *("Xvfb", "-displayfd", str(writing), "-screen", "0", "1200x900x24"),
+            *("Xvfb", "-displayfd", str(writing), "-screen", "0", f"{size}x24"),
             *("-noreset", "-fbdir", str(folder)),
         ],
         pass_fds=[writing],
@@ -45,6 +45,8 @@ def screen(folder):
 class LiveViewer:
     """deformrf view in a window, and a hand on mouse and keyboard."""
 
+    before: tuple[str, ...] = ()  # what the program is started by
+
     def __init__(self, display, model, folder, *arguments):
         name, self._screen = display
         self.model = model
@@ -54,7 +56,7 @@ class LiveViewer:
         for name in ("WAYLAND_DISPLAY", "OMP_NUM_THREADS"):  # as `make test` sets it
             self._env.pop(name, None)
         self._log = folder / "events.txt"
-        command = [sys.executable, str(WATCHED), str(model), "--log-events"]
+        command = [*self.before, sys.executable, str(WATCHED), str(model), "--log-events"]
         with self._log.open("w") as stream:
             self.process = subprocess.Popen(
                 [*command, "--device", "cpu", *arguments],

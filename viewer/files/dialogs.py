@@ -63,10 +63,13 @@ class FileDialog:
         self.entries = shown[:MOST_SHOWN]
 
     def typed(self) -> Path:
-        """The path that the text means; the folder's own text need not be its name."""
+        """The path that the text means; the folder's own text need not be its name.
+
+        Blanks alone are no name: they mean the folder, as an empty text does.
+        """
         if self.text == readable(self.folder / self.name if self.name else self.folder):
             return self.folder / self.name
-        return Path(self.text)
+        return Path(self.text if self.text.strip() else "")
 
     def choose(self, path: Path) -> bool:
         """Enter a folder, or take a file; whether the dialog is done."""

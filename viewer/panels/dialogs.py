@@ -47,7 +47,8 @@ def _choice(dialog, width):
     if not imgui.is_any_item_active():  # keys are for the path, after an error, too
         imgui.set_keyboard_focus_here()
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
-    done = bool(entered) and dialog.choose(dialog.typed())
+    # Enter twice in slow frames: the field has the keys again some frames after the first one.
+    done = (bool(entered) or was_entered()) and dialog.choose(dialog.typed())
     height = min(LIST_HEIGHT, imgui.get_io().display_size.y - 150.0)
     if imgui.begin_child("entries", (width, max(height, 60.0)), imgui.ChildFlags_.borders.value):
         if imgui.selectable("..", False)[0]:

@@ -8,7 +8,7 @@ from imgui_bundle import imgui
 from ..camera import Covered, film_frame
 from ..files import readable
 from ..loading import STAGES
-from ..parts import part
+from ..parts import call, part
 from .boxes import box_overlay, brush_overlay
 from .dialogs import dialog_window
 from .film import film_window, frame_overlay, progress_window
@@ -90,10 +90,7 @@ class Panels:
         if takes.shows_frame or takes.asking:
             size = imgui.get_io().display_size
             frame_overlay(film_frame((size.x, size.y), self.covered(), takes.aspect))
-        if imgui.begin_main_menu_bar():
-            self.show(menu_bar)
-            gui.claim()
-            imgui.end_main_menu_bar()
+        gui.guarded(self.menus)
         if settings.show_panel:
             self._frame()
         covered = self.covered()
@@ -101,6 +98,13 @@ class Panels:
             self._fixed("timeline", timeline_strip, self._strip_place(covered))
         self._floating_windows(covered)
         self._question(covered)
+
+    def menus(self):
+        """Guarded as a whole: ImGui recovers from no error of which a menu bar is left open."""
+        if imgui.begin_main_menu_bar():
+            call(menu_bar, self._app)
+            self._gui.claim()
+            imgui.end_main_menu_bar()
 
     def _frame(self):
         """Tools, the task's panel, the status line."""

@@ -52,6 +52,11 @@ def test_undo_and_redo_say_what_they_did(app_like):
     assert said[-1] == "nothing to do again"
 
 
+def test_specks_are_deleted_by_their_action(app_like):
+    ACTIONS["delete_specks"](app_like)
+    assert app_like.said == ["nothing to delete there"]
+
+
 def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     before = scene.solver.vertices.numpy().copy()
     vertex = int(scene.handles.control_ids[0])

@@ -202,6 +202,15 @@ def test_the_dialog_goes_through_folders_and_takes_a_file(folder):
     assert dialog.choose(Path("b.npz")) and taken == [folder / "b.npz"]
 
 
+def test_blanks_are_no_name_of_a_new_file(folder):
+    saved = []
+    dialog = FileDialog("Save as", folder, (".deformrf",), saved.append, "a.deformrf")
+    for text in ("", "  "):
+        dialog.text = text
+        assert not dialog.choose(dialog.typed()) and not saved
+    assert dialog.typed() == folder / "a.deformrf"
+
+
 def test_a_folder_that_cant_be_read_is_not_entered(folder):
     dialog = FileDialog("Open", folder, (".npz",), None)
     dialog.enter(folder / "gone")

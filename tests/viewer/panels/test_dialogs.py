@@ -196,6 +196,48 @@ def test_keys_are_shortcuts_again_as_soon_as_the_dialog_is_gone(app, tmp_path):
     assert app.questions.dialog is None and app.scene.paused
 
 
+def test_enter_twice_replaces_a_file_though_frames_are_slow(app, tmp_path):
+    """ImGui's field doesn't take the second Enter while it gets the keys again."""
+    from pyglet.window import key
+
+    (tmp_path / "a.deformrf").touch()
+    saved = []
+    app.questions.dialog = FileDialog(
+        "Save as", tmp_path, (".deformrf",), lambda path: saved.append(path) or "", "a.deformrf"
+    )
+    frames(app, 3)
+    for name in ("on_key_press", "on_key_release", "on_key_press"):
+        assert not saved
+        send(app, name, key.RETURN, 0)
+        frames(app, 1)
+    assert saved == [tmp_path / "a.deformrf"]
+
+
+def test_keys_that_were_for_a_dialog_are_not_for_the_next_one(app, tmp_path):
+    """In slow frames ImGui still has them when Esc has taken the dialog away."""
+    from pyglet.window import key
+
+    saved = []
+
+    def ask():
+        app.questions.dialog = FileDialog(
+            "Save as", tmp_path, (".deformrf",), lambda path: saved.append(path) or "", "a.deformrf"
+        )
+
+    ask()
+    frames(app, 3)
+    for symbol in [*[key.A] * 20, key.RETURN]:
+        send(app, "on_key_press", symbol, 0)
+        send(app, "on_key_release", symbol, 0)
+    send(app, "on_key_press", key.ESCAPE, 0)
+    frames(app, 1)
+    ask()
+    frames(app, 60)
+    assert not saved and app.questions.name == "dialog"
+    press(app, key.RETURN)
+    assert saved == [tmp_path / "a.deformrf"]
+
+
 def test_a_film_whose_name_is_taken_says_so_in_its_dialog(app, tmp_path):
     from pyglet.window import key
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deformrf.viewer.actions import INPUTS, Input, inputs_of
+from deformrf.viewer.actions import ACTIONS, INPUTS, Action, Input, inputs_of
 from deformrf.viewer.panels import menu as m
 from deformrf.viewer.settings import KEYS
 
@@ -98,6 +98,20 @@ def test_an_item_of_a_menu_does_what_its_key_does(app):
     orbit = app.scene.orbit
     click(app, "Undo")
     assert not app.scene.on_ground and app.scene.orbit is orbit
+    click(app, "View")
+    click(app, "Orthographic")
+    assert app.scene.orbit.parallel
+
+
+@pytest.mark.gl
+def test_an_item_that_fails_says_so_in_the_menu_bar_and_menus_go_on(app, monkeypatch):
+    def fail():
+        raise KeyError("no such thing")
+
+    monkeypatch.setitem(ACTIONS, "redo", Action(fail))
+    for title in ("Edit", "Redo"):
+        click(app, title)
+    assert app.gui._failed == {"menus failed: 'no such thing'"}
     click(app, "View")
     click(app, "Orthographic")
     assert app.scene.orbit.parallel

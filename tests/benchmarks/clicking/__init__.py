@@ -1,0 +1,1 @@
+"""What tests/benchmarks/every_widget.py does with a viewer in a real window."""
