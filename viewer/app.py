@@ -300,7 +300,8 @@ class App:
         clips = clip_range(self.scene.orbit)
         self.canvas.use(self.size)
         self.radiance.draw(camera, clips)
-        self.mesh_layer.draw(camera, clips)
+        beside = self.controls.covered.right * self.controls.ratio * keep
+        self.mesh_layer.draw(camera, clips, round(beside))
         if keep and not in_clips:
             self._record_view()
         self.handle_layer.draw(camera, clips)

@@ -85,7 +85,6 @@ def selection(studio):
 def strain(studio):
     settings = studio.app.scene.settings
     settings.mesh_surface, settings.task = "strain", "view"
-    settings.panel_side = "left"  # the legend is at the window's right edge
     studio.drag(studio.top()[0], (0.22, -0.05, -0.04))
 
 

@@ -54,7 +54,7 @@ def events_of(path):
 
 def test_a_project_is_moved_opened_and_saved_where_it_is(start, tmp_path):
     viewer = start()
-    viewer.press("Pose")  # what is bent stays so
+    viewer.press("stays")  # what is bent stays so
     viewer.drag(viewer.vertex()[1], (40, -30))
     viewer.wait(lambda: viewer.state()["undoes"] == "drag", 10, "it is bent")
     viewer.tool("key", "shift+k")

@@ -81,8 +81,8 @@ class Legend:
         if self._texture is not None:
             self._texture.release()
 
-    def draw(self, scale: ColorScale, size: tuple[int, int]) -> None:
-        """Draw it into a framebuffer of that size, which is in use."""
+    def draw(self, scale: ColorScale, size: tuple[int, int], covered: int = 0) -> None:
+        """Draw it into a framebuffer of that size, which is in use, left of what is covered."""
         image = picture(scale, size[1])
         if self._shown is not image:
             if self._texture is not None:
@@ -91,7 +91,7 @@ class Legend:
             self._shown = image
         width, height = self._texture.size
         margin = round(0.02 * size[1])
-        left, bottom = size[0] - margin - width, (size[1] - height) // 2
+        left, bottom = size[0] - covered - margin - width, (size[1] - height) // 2
         self._ctx.enable_only(moderngl.BLEND)
         gl.blend_over(self._ctx)
         self._ctx.viewport = left, bottom, width, height

@@ -79,8 +79,12 @@ class MeshLayer:
         self._written = None  # what the buffer holds
         self._shape = self._rest = None  # a rest shape, and its RestTets
 
-    def draw(self, camera, clip_range) -> None:
-        """Draw into the framebuffer in use what the settings ask for."""
+    def draw(self, camera, clip_range, covered: int = 0) -> None:
+        """Draw into the framebuffer in use what the settings ask for.
+
+        Args:
+            covered: By panels, at the right edge [pixels]; the legend is left of it.
+        """
         settings, ctx = self._drawn.settings, self._ctx
         filled = settings.mesh_surface != "hidden" and settings.mesh_opacity > 0.0
         if not filled and not settings.show_wireframe:
@@ -108,7 +112,7 @@ class MeshLayer:
         self._faces.render(moderngl.TRIANGLES)
         self._draw_depth()
         if filled and scale is not None:
-            self._legend.draw(scale, (camera.width, camera.height))
+            self._legend.draw(scale, (camera.width, camera.height), covered)
 
     def release(self) -> None:
         self._release_faces()

@@ -118,7 +118,7 @@ def state_line(scene) -> str:
     if scene.solver.rescue.running:
         return "rescuing ..."
     if scene.solver.rescue.given_up:
-        return "tangled: take Reset"
+        return "tangled: take Original shape"
     if scene.solver.rescue.held_by:
         return f"folded by {HELD_BY[scene.solver.rescue.held_by]}"
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"

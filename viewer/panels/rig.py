@@ -24,7 +24,7 @@ SOFTNESS = """0: bones move all of the object;
 more: only what is near the bones, and the solver moves the rest"""
 SKINNING = "dual quaternion keeps the volume where bones twist"
 FADES = "while one plays, its pose fades into that of the next"
-SAVE_CLIP = "the timeline's poses of bones, with their times; Save copy keeps it with the model"
+SAVE_CLIP = "the timeline's poses of bones, with their times; Save a copy of the model keeps it"
 SAVE_COPY = "the model with its bones, weights and clips, here"
 
 

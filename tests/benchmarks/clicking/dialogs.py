@@ -216,7 +216,7 @@ def _end_film(hand):
 
 def _leaving(hand):
     part = "dialog leaving"
-    for way in ("Escape", "Stay", "ctrl+q", "beside", "ctrl+o", "close"):
+    for way in ("Escape", "Cancel", "ctrl+q", "beside", "ctrl+o", "close"):
         hand.tally.tried(part, way)
         if not hand.fresh()["unsaved"]:
             hand.bend()
@@ -227,8 +227,8 @@ def _leaving(hand):
         state = hand.check(part, f"asked, before {way}")
         if state["question"] != "leaving":
             hand.note(part, way, "is not asked")
-        if way == "Stay":
-            hand.press("Stay")
+        if way == "Cancel":
+            hand.press("Cancel")
         elif way == "beside":
             hand.click(0.08 * hand.size[0] + 60, 0.85 * hand.size[1])
         elif way != "close":

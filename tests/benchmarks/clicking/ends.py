@@ -147,7 +147,7 @@ def _answer(hand, step, way, asked):
         return
     asked.append("leaving")
     labels = [i["label"] for i in state["items"] if i["kind"] == "button"]
-    wanted = "Stop it and quit" if "Stop it and quit" in labels else "Discard"
+    wanted = "Stop it and quit" if "Stop it and quit" in labels else "Quit without saving"
     if not hand.reach_and_click(wanted, "button"):
         hand.note(PART, step, f"{wanted} can't be clicked on")
 

@@ -36,12 +36,13 @@ class Stage:
     def camera(self):
         return orbits.camera_of(self.scene.orbit, *SIZE)
 
-    def picture(self):
+    def picture(self, covered=0):
         self.radiance.update(self.camera, whole=True)
         self.canvas.use(SIZE)
         clip_range = orbits.clip_range(self.scene.orbit)
-        for layer in (self.radiance, self.mesh, self.handles):
-            layer.draw(self.camera, clip_range)
+        self.radiance.draw(self.camera, clip_range)
+        self.mesh.draw(self.camera, clip_range, covered)
+        self.handles.draw(self.camera, clip_range)
         return self.canvas.read().astype(float)
 
     def depth(self):
@@ -202,3 +203,12 @@ def test_faces_that_look_at_the_eye_are_lit(stage, parallel):
     assert 0.1 < opaque.mean() < 0.6
     lit = image[opaque].mean(axis=1)
     assert 120 < np.median(lit) < 240 and lit.max() < 250
+
+
+def test_the_legend_is_left_of_what_panels_cover(stage):
+    stage.scene.settings.mesh_surface = "strain"
+    words = [
+        np.flatnonzero((stage.picture(covered) < 60).all(axis=2)[:, 310:].any(axis=0))
+        for covered in (0, 100)
+    ]
+    assert len(words[0]) and not len(words[1])

@@ -150,7 +150,7 @@ def test_a_rescue_and_its_failure_are_said(panel):
     assert "rescuing ..." in panel.dim
     rescue.running, panel.scene.moving = False, False
     panel.frame()
-    assert "tangled: take Reset" in panel.dim
+    assert "tangled: take Original shape" in panel.dim
 
 
 def test_boxes_switch_what_surrounds_the_object(panel):
