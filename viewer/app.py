@@ -60,7 +60,7 @@ class App:
         self.frame_count = 0
         self.autosave = None  # see autosave.py
         self.project: Path | None = None  # the file that `save_project` writes by default
-        self.train_job = None  # that a dialog began: train_job.py
+        self.train_job = self.watcher = None  # see training/
         self.actions, self.questions = BoundActions(self), Questions(self)
         self.opening, self.playing = Opening(self), Playing(self)
         self.closing = False  # the window was closed while nothing could be asked
@@ -69,7 +69,7 @@ class App:
         self._failed = False  # in the last turn of the loop
         # When the window had an event, when its state was logged, when a frame was drawn.
         self.last_event = self._last_state = self._drawn_at = 0.0
-        self.gui = self.panels = self.live = None  # a LiveRun, where it is shown
+        self.gui = self.panels = None
         window.push_handlers(self)
         if gui:
             from .gui import Gui
