@@ -132,7 +132,7 @@ def interrupts_kept():
         time.sleep(AGAIN_SECONDS)
         if now.is_owed and not now.is_over:
             now.is_owed = False
-            _interrupt()
+            interrupt()
 
     def hook(unraisable):
         if unraisable.exc_type is not KeyboardInterrupt:
@@ -160,7 +160,7 @@ def _can_be_mended(error) -> bool:
     return isinstance(error, known) or errno.errorcode.get(number) in SHORTAGES
 
 
-def _interrupt():
+def interrupt():
     """Interrupt the main thread as the first of the signals does that Python handles."""
     for number in STOPPING:
         if not callable(signal.getsignal(number)):

@@ -5,16 +5,26 @@ Without --view nothing of the viewer is imported.
 
 import json
 import logging
+import math
 import os
+import sys
+import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+from ..core import field as fields
 from ..core.base.device import device_name
-from .running import interrupts_waiting, require
-from .training import TrainArguments, prepare_training, train_command
+from .running import INTERRUPTED, complain, interrupt, interrupts_waiting, require
+from .training import PROGRAM, TrainArguments, check_simple, prepare_training, train_command
 
 SIZE = (1000, 700)  # of the window [points]
-TOLD_SECONDS = 0.5  # between two lines of how far a job of the viewer is
+TOLD_SECONDS = 0.5  # between two events of how far a job is
+SECONDS, MOST_SECONDS = 1.0, 10.0  # from one snapshot to the next
+AGE_SHARE = 0.03  # of the run's age, as a run of minutes changes little within a second
+COST_SHARE = 0.03  # of the run's time, that writing snapshots may take
+POLL_SECONDS = 0.05  # between two looks of a run that waits
+log = logging.getLogger(__name__)
 
 
 def main() -> int:
@@ -22,25 +32,73 @@ def main() -> int:
 
 
 def main_of_job() -> int:
-    """The command for the viewer: now and then it prints an event of how far it is."""
-    told = [0.0]
+    """The command for the viewer: its first argument is the file of snapshots."""
+    told = Telling(Path(sys.argv.pop(1)))
+    threading.Thread(target=told.obey, daemon=True).start()
+    return train_command(lambda chosen: prepare_training(chosen, told.on_pause, told.on_trained))
 
-    def on_pause(pause):
-        if time.monotonic() - told[0] >= TOLD_SECONDS:
-            told[0] = time.monotonic()
-            where = {
-                "event": "step",
-                "stage": pause.stage,
-                "step": pause.step,
-                "steps": pause.step_count,
-            }
-            print(json.dumps(where), flush=True)
 
-    return train_command(lambda chosen: prepare_training(chosen, on_pause))
+class Telling:
+    """What a run tells the viewer, by events and snapshots, and what it is told."""
+
+    def __init__(self, snapshot: Path, clock: Callable[[], float] = time.perf_counter):
+        self.snapshot, self.paused = snapshot, False
+        self._clock = clock
+        self._told, self._due = -TOLD_SECONDS, 0.0  # when it did, when a snapshot may be written
+
+    def on_pause(self, pause) -> None:
+        """Called every few steps: tell how far the run is, and let it wait."""
+        now = self._clock()
+        if now - self._told >= TOLD_SECONDS:
+            self._told = now
+            tell(
+                "step",
+                stage=pause.stage,
+                step=pause.step,
+                steps=pause.step_count,
+                seconds=pause.seconds,
+                rate=pause.samples_per_second,
+                history=pause.history,
+            )
+        if now >= self._due and not self.snapshot.exists():  # the last one was read
+            self._write(pause, now)
+        while self.paused:
+            time.sleep(POLL_SECONDS)
+
+    def on_trained(self, trained) -> None:
+        tell("trained")
+
+    def _write(self, pause, begin):
+        """Write a snapshot; if that fails the run goes on without a view."""
+        try:
+            fields.save(pause.export(), self.snapshot)
+        except Exception:
+            self._due = math.inf
+            log.exception("The field can't be shown any more; training goes on.")
+            return
+        tell("snapshot", path=str(self.snapshot), step=pause.step)
+        end = self._clock()
+        age = min(AGE_SHARE * pause.seconds, MOST_SECONDS)
+        self._due = end + max(SECONDS, age, (end - begin) / COST_SHARE)
+
+    def obey(self) -> None:
+        """Do what the viewer writes, a word a line; where that has ended, the run goes on."""
+        # Unbuffered: a thread that waits for a buffer would abort the end of Python.
+        with open(0, "rb", buffering=0, closefd=False) as orders:
+            for line in orders:
+                word = line.strip()
+                self.paused = word == b"pause"
+                if word == b"stop":
+                    interrupt()
+        self.paused = False
+
+
+def tell(event: str, **values) -> None:
+    print(json.dumps({"event": event, **values}), flush=True)
 
 
 def prepare(arguments: TrainArguments) -> Callable[[], int]:
-    """Check the arguments, read the images, open the window if one is asked for.
+    """Check the arguments, and open the window if one is asked for, else read the images.
 
     Returns:
         The work.
@@ -53,15 +111,11 @@ def prepare(arguments: TrainArguments) -> Callable[[], int]:
         return prepare_training(arguments)
     if int(os.environ.get("WORLD_SIZE", 1)) > 1:
         raise ValueError("--view shows the run of one process: leave out --view, or torchrun")
-    require("torch", "pyglet", "moderngl", "imgui_bundle")
-    from ..viewer.training import LiveRun
-
-    name = arguments.data.resolve().name
+    check_simple(arguments)
+    require("pyglet", "moderngl", "imgui_bundle")
     device = device_name(arguments.device, for_training=True)
-    live = LiveRun(name, device)
-    job = prepare_training(arguments, live.on_pause, live.on_trained)
-    window, context = _open_window(name)
-    return lambda: show(live, job, window, context)
+    window = _open_window(arguments.data.resolve().name)
+    return lambda: show(sys.argv[1:], arguments.output, device, *window)
 
 
 def _open_window(name):
@@ -74,17 +128,17 @@ def _open_window(name):
         raise WindowError(f"{reason}; without --view the run needs none") from error
 
 
-def show(live, job: Callable[[], int], window, context) -> int:
-    """Do the job in a thread and show it in the window; returns its exit code."""
+def show(arguments: list[str], output: Path, device: str, window, context) -> int:
+    """Train in a process and show it in the window; returns its exit code."""
     from ..viewer.app import App  # imports pyglet's window, which is possible from now on
     from ..viewer.events import EventLog
-    from ..viewer.training import LiveWindow
+    from ..viewer.training import TrainJob, watch
 
     app = App(window, context, EventLog(False))
-    live.start(job)
+    job = TrainJob(arguments, output, device, stays=True)
     try:
         try:
-            LiveWindow(app, live).run()
+            watch(app, job)
             app.end()
         except BaseException:
             with interrupts_waiting():
@@ -92,26 +146,17 @@ def show(live, job: Callable[[], int], window, context) -> int:
                     app.autosave.keep()
             raise
         finally:
-            live.watched = False
-            _close(app, live)
-        if not (live.ended or live.stopping):
+            job.pause(False)
+            app.train_job = None
+            app.close()
+        if not (job.ended or job.stopping):
             print("The window is closed; training goes on. Ctrl-C stops it and keeps the work.")
     except KeyboardInterrupt:
-        live.stop()
+        job.stop()
         print("Stopping after the next few steps; Ctrl-C again stops at once.", flush=True)
     except Exception:
-        logging.getLogger(__name__).exception("The view failed; training goes on.")
-    return live.result()
-
-
-def _close(app, live):
-    """Close the window while the run pauses: what is freed would get into a graph it records."""
-    from ..viewer.training import POLL_SECONDS
-
-    app.window.set_visible(False)
-    closed = False
-    while not closed:
-        with live.gate.entered(POLL_SECONDS) as entered:
-            if entered:
-                closed = True
-                app.close()
+        log.exception("The view failed; training goes on.")
+    code = job.wait()
+    if code is None:
+        return INTERRUPTED if job.stopping else complain(PROGRAM, job.line)
+    return code

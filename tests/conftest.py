@@ -280,15 +280,21 @@ def ball_poses():
 
 
 @pytest.fixture(scope="session")
-def ball_data(tmp_path_factory, write_dataset, ball_poses):
-    """24 views of the ball, 20 of them for training."""
-    from deformrf.core.training import load_dataset
-
+def ball_folder(tmp_path_factory, write_dataset, ball_poses):
+    """A data set of 24 views of the ball, 20 of them for training."""
     tmp_path = tmp_path_factory.mktemp("ball")
     for split, poses in (("train", ball_poses[:20]), ("test", ball_poses[20:])):
         images = [ball_picture(pose) for pose in poses]
         write_dataset(tmp_path, images, split, poses=poses, camera_angle_x=BALL_ANGLE)
-    return load_dataset(tmp_path, "train"), load_dataset(tmp_path, "test")
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def ball_data(ball_folder):
+    """Its views, for training and for testing."""
+    from deformrf.core.training import load_dataset
+
+    return load_dataset(ball_folder, "train"), load_dataset(ball_folder, "test")
 
 
 @pytest.fixture(scope="session")

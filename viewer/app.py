@@ -61,7 +61,7 @@ class App:
         self.frame_count = 0
         self.autosave = None  # see autosave.py
         self.project: Path | None = None  # the file that `save_project` writes by default
-        self.train_job = None  # that a dialog began: train_job.py
+        self.train_job = self.watcher = None  # see training/
         self.actions, self.questions = BoundActions(self), Questions(self)
         self.opening, self.playing = Opening(self), Playing(self)
         self.closing = False  # the window was closed while nothing could be asked
@@ -72,7 +72,7 @@ class App:
         # When the window had an event, its state was logged, a frame was drawn, panels were built.
         self.last_event = self._last_state = self._drawn_at = self._built_at = 0.0
         self._has_news = True  # for the panels
-        self.gui = self.panels = self.live = None  # a LiveRun, where it is shown
+        self.gui = self.panels = None
         window.push_handlers(self)
         if gui:
             from .gui import Gui

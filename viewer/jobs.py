@@ -6,12 +6,12 @@ people; the last such line says how it ended.
 
 import json
 import os
-import signal
 import subprocess
 import tempfile
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ..core.base.children import start
@@ -25,7 +25,8 @@ class ProcessJob:
     """A Python process; a thread starts it and reads what it prints."""
 
     failure = "the work can't be done"  # what a sentence about an error begins with
-    end_by, patience = signal.SIGTERM, 60.0  # how it is told to end, and how long that may take [s]
+    patience = 60.0  # s that its end may take
+    priority, stderr = LOWER_PRIORITY, subprocess.STDOUT
 
     def __init__(self, code: str, arguments: Callable[[Path], list[str]]):
         """Begin to run code; a function makes its arguments, in a folder that is deleted then."""
@@ -42,6 +43,19 @@ class ProcessJob:
     def note(self, event: dict) -> None:
         """Called in the thread with an event that was printed."""
 
+    def hear(self, line: str) -> None:
+        """Called in the thread with a line that was printed for people."""
+
+    def end(self, process: subprocess.Popen) -> None:
+        """Tell the process to end."""
+        process.terminate()
+
+    def tell(self, word: str) -> None:
+        """Write a line to the process, if it runs."""
+        with suppress(OSError, ValueError, AttributeError):  # it has ended, or not begun
+            self._process.stdin.write(word + "\n")
+            self._process.stdin.flush()
+
     @property
     def problem(self) -> str:
         """Why it failed, in a sentence; empty if it didn't, or was told to end."""
@@ -53,7 +67,7 @@ class ProcessJob:
             process = None if self.stopping else self._process
             self.stopping = True
         if process is not None and process.poll() is None:
-            process.send_signal(self.end_by)
+            self.end(process)
 
     def close(self) -> None:
         """Tell it to end, wait for that, and kill it if it takes too long."""
@@ -72,8 +86,8 @@ class ProcessJob:
         self.ended = True
 
     def _run(self, code, arguments):
-        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE}
-        pipes |= {"stderr": subprocess.STDOUT, "text": True, "errors": "replace"}
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": self.stderr}
+        pipes |= {"text": True, "errors": "replace"}
         alone = os.name == "posix"  # Ctrl-C is for the viewer, which ends it
         with self._lock:
             if self.stopping:
@@ -83,7 +97,7 @@ class ProcessJob:
         with process:
             try:
                 if alone:
-                    os.setpriority(os.PRIO_PROCESS, process.pid, LOWER_PRIORITY)
+                    os.setpriority(os.PRIO_PROCESS, process.pid, self.priority)
                 for line in process.stdout:
                     self._hear(line)
             except BaseException:  # nobody reads it any more
@@ -94,6 +108,7 @@ class ProcessJob:
     def _hear(self, line):
         if not line.startswith('{"event"'):
             self.line = line.strip()[:LONGEST_LINE] or self.line
+            self.hear(line)
             return
         for text in line.replace("}{", "}\n{").splitlines():  # an interrupt may swallow the end
             self.note(json.loads(text))

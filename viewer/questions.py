@@ -98,12 +98,13 @@ class Questions:
 
     def _losses(self):
         """What would be lost at the end."""
-        app = self._app
-        if app.live is not None and not app.live.ended:
+        app, job = self._app, self._app.train_job
+        trains = job is not None and not job.ended
+        if trains and job.stays:
             return []  # training goes on without its window, and its objects can't be kept
         losses = {
             FILM: app.takes.job is not None,
-            TRAINING: app.train_job is not None,
+            TRAINING: trains,
             WORK: app.scene is not None and app.scene.journal.unsaved,
         }
         return [name for name, is_so in losses.items() if is_so]

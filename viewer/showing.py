@@ -43,7 +43,9 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         gc.unfreeze()
         gc.collect()  # the one before
     gc.freeze()  # or Python would look through all of it in the middle of a drag, for 0.1 s
-    app.loaded_on, app.live = (device, interop), None
+    app.loaded_on = device, interop
+    if app.watcher is not None and app.watcher.over:
+        app.train_job = None
     if app.gui is not None:
         for sentence in [] if app.autosave is None else app.autosave.leave():
             app.recorder.say(sentence)

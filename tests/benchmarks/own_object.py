@@ -23,7 +23,7 @@ from deformrf.core.field import pack_mask, subtet_middles
 
 WIDTH = 640  # of the pictures [pixels]
 QUALITY = 72
-SHOWN_STEP = 120  # of stage 2, at which training is shown
+SHOWN = 2, 120  # of stage 2, at which training is shown
 TRAIN = "import sys; from deformrf.commands.train import main; sys.exit(main())"
 RENDER = "import sys; from deformrf.commands.render import main; sys.exit(main())"
 PULL = np.array([0.30, 0.05, -0.06])  # object sizes
@@ -58,29 +58,32 @@ class Pictures:
 
     def training(self):
         """The window while a model is trained."""
-        from deformrf.commands.train import TrainArguments, prepare_training
-        from deformrf.viewer.training import LiveRun
         from deformrf.viewer.window import open_window
 
         window, context = open_window(SIZE, headless=True)
         from deformrf.viewer.app import App  # imports pyglet's window, which is possible now
         from deformrf.viewer.events import EventLog
-        from deformrf.viewer.training import LiveWindow
+        from deformrf.viewer.training import TrainJob
+        from deformrf.viewer.training.watching import begin
 
-        arguments = TrainArguments(self.photos, self.folder / "live.npz", preset="tiny")
-        live = LiveRun("toy", "cpu")
-        job = prepare_training(arguments, live.on_pause, live.on_trained)
+        output, few = self.folder / "live.npz", ("--preset", "tiny", "--device", "cpu")
+        job = TrainJob([str(self.photos), "-o", str(output), *few], output, "cpu")
         app = App(window, context, EventLog(False))
-        shown = LiveWindow(app, live)
-        live.start(job)
-        while live.last is None or (live.last.stage, live.last.step) < (2, SHOWN_STEP):
-            shown.turn() or time.sleep(0.1)
-        live.paused = True
+        begin(app, job)
+
+        def turn():
+            if app.scene is None:
+                app.watcher.follow()
+                time.sleep(0.1)
+            else:
+                app.run(app.frame_count + 1)
+
+        while job.progress is None or (job.progress["stage"], job.progress["step"]) < SHOWN:
+            turn()
+        job.pause(True)
         for _ in range(20):
-            shown.turn() or time.sleep(0.1)
+            turn()
         self.shoot(app, "training")
-        live.stop()
-        live.result()
         app.close()
 
     def shoot(self, app, name):

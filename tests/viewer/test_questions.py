@@ -184,9 +184,9 @@ def test_the_end_of_a_loop_that_asked_nobody_keeps_work(worked, ball):
 
 
 def test_training_that_would_stop_is_asked_about(app, places):
-    offer = SimpleNamespace(output=Path("model.npz"))
-    running = {"ended": False, "progress": None, "share": 0.0, "line": "", "stopping": False}
-    app.train_job = SimpleNamespace(offer=offer, began=0.0, close=lambda: None, **running)
+    running = {"stays": False, "progress": None, "line": "", "paused": False, "trained": False}
+    running |= {"ended": False, "stopping": False, "output": Path("model.npz"), "began": 0.0}
+    app.train_job = SimpleNamespace(close=lambda: None, **running)
     quit_by(app, "key")
     frames(app)
     assert app.questions.leaving.about == "training" and not app.window.has_exit

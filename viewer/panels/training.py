@@ -1,7 +1,11 @@
 """How a training run goes: its step, its curve, and buttons to let it wait or stop it."""
 
+import time
+
 import numpy as np
 from imgui_bundle import imgui, implot
+
+from ..files import readable
 
 WIDTH, HEIGHT = 320.0, 130.0
 PLAIN = (
@@ -13,42 +17,42 @@ PLAIN = (
 FITTED = implot.AxisFlags_.auto_fit.value
 
 
-def training_panel(live, scene):
-    last = live.last
-    if last is None:
-        imgui.text(*training_lines(live))
-        return
-    if scene is None and not live.ended:
-        imgui.text(f"the first picture: {live.preparing.stage}")
-    for line in training_lines(live):
+def training_panel(train_job, watcher, scene):
+    job = train_job
+    imgui.text(f"training {readable(job.output.stem)}: {clock(time.monotonic() - job.began)}")
+    for line in training_lines(job):
         imgui.text(line)
-    imgui.progress_bar(last.step / last.step_count, (WIDTH, 0.0))
-    _curve(last.history)
-    if not live.ended:
-        _buttons(live)
+    told = job.progress
+    if told is not None:
+        if scene is None and not job.ended:
+            imgui.text(f"the first picture: {watcher.preparing.stage}")
+        imgui.progress_bar(told["step"] / told["steps"], (WIDTH, 0.0))
+        _curve(told["history"])
+    if not job.ended:
+        _buttons(job)
 
 
-def training_lines(live) -> list[str]:
+def training_lines(job) -> list[str]:
     """The run so far, in words."""
-    last = live.last
-    if last is None:
-        return ["training begins"]
-    where = f"stage {last.stage} of 2, step {last.step} of {last.step_count}"
-    if live.ended:
-        where = f"the run is over after {clock(last.seconds)}"
-    elif live.stopping:
+    told = job.progress
+    if told is None:
+        return [job.line]
+    where = "stage {stage} of 2, step {step} of {steps}".format(**told)
+    if job.ended:
+        where = f"the run is over after {clock(told['seconds'])}"
+    elif job.stopping:
         where = "stopping; the model is written"
-    elif live.trained:
+    elif job.trained:
         where = "trained; the model is written and scored"
-    elif live.waiting:
+    elif job.paused:
         where += ", waiting"
     found = [where]
-    if last.history:
-        rate = f"{last.samples_per_second / 1e6:.2f} M samples/s"
-        found.append(f"{last.history[-1]['psnr']:.2f} dB on its training rays, {rate}")
-    if live.steps_per_second > 0.0 and not (live.ended or live.trained or live.stopping):
-        left = (last.step_count - last.step) / live.steps_per_second
-        found.append(f"{clock(last.seconds)} so far, {clock(left)} left in this stage")
+    if told["history"]:
+        rate = f"{told['rate'] / 1e6:.2f} M samples/s"
+        found.append(f"{told['history'][-1]['psnr']:.2f} dB on its training rays, {rate}")
+    if job.steps_per_second > 0.0 and not (job.ended or job.trained or job.stopping):
+        left = (told["steps"] - told["step"]) / job.steps_per_second
+        found.append(f"{clock(told['seconds'])} so far, {clock(left)} left in this stage")
     return found
 
 
@@ -75,13 +79,13 @@ def _curve(history):
         implot.end_plot()
 
 
-def _buttons(live):
-    imgui.begin_disabled(live.stopping or live.trained)
-    if imgui.button("Go on" if live.paused else "Pause"):
-        live.paused = not live.paused
+def _buttons(job):
+    imgui.begin_disabled(job.stopping or job.trained)
+    if imgui.button("Go on" if job.paused else "Pause"):
+        job.pause(not job.paused)
     imgui.set_item_tooltip("the run waits after its next few steps; the object can be bent")
     imgui.same_line()
     if imgui.button("Stop and save"):
-        live.stop()
+        job.stop()
     imgui.set_item_tooltip("as Ctrl-C does: writes the model as it is; --resume continues the run")
     imgui.end_disabled()

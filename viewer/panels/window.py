@@ -18,7 +18,6 @@ from .help import help_size, help_window
 from .inspector import inspector
 from .leaving import leaving_window
 from .menu import menu_bar
-from .offering import job_window
 from .recovery import recovery_window
 from .selection import gesture_overlay
 from .status import status_height, status_line
@@ -147,8 +146,6 @@ class Panels:
         if app.takes.job is not None:
             self._floating("film's progress", (1.0, 1.0), progress_window, FLOATING, covered)
         if app.train_job is not None:
-            self._floating("training's progress", (1.0, 0.0), job_window, FLOATING, covered)
-        if app.live is not None:
             self.training_window()
         sign = recording_line(app.takes, app.recorder)
         if sign and not settings.show_panel:
@@ -205,7 +202,7 @@ class Panels:
         covered = Covered() if app.scene is None else self.covered()
         if app.scene is not None and not app.scene.settings.show_panel:
             _told("training", (0.5, 0.0), covered)
-            imgui.text(training_lines(app.live)[0])
+            imgui.text(training_lines(app.train_job)[0])
             imgui.end()
             return
         self._floating("training panel", (0.0, 0.0), training_panel, FLOATING, covered)

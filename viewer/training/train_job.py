@@ -1,12 +1,11 @@
-"""Training of photographs by a process of its own, which the viewer begins when it is asked to.
+"""Training of photographs by a process of its own.
 
-That process runs `main_of_job` in commands/train.py, which prints an event of how far it is now and
-then.  It is ended as by Ctrl-C, which keeps its work.
+That process runs `main_of_job` in commands/train.py.  Now and then it prints an event of how far it
+is and writes a snapshot, a model file, unless the last one still lies there.  It obeys what is
+written to it: pause, go on, stop.
 """
 
-import os
 import shlex
-import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from ..jobs import ProcessJob
 
 CODE = f"{NOT_HERE}from {PACKAGE}.commands.train import main_of_job; sys.exit(main_of_job())"
 PHOTO_MINUTES, RUN_MINUTES = 0.025, {"cpu": 7.0, "cuda": 1.5}  # per photograph, and of training
+WAIT_SECONDS = 0.05  # between two looks for Ctrl-C
 
 
 @dataclass(frozen=True)
@@ -83,48 +83,71 @@ def offer_of(data: Path, device: str) -> TrainOffer:
 
 
 class TrainJob(ProcessJob):
-    """A run of deformrf train."""
+    """A run of deformrf train.
+
+    Attributes:
+        output: The model that it writes.
+        device: The Warp device that it uses.
+        stays: Whether it goes on without its window, from which a command has begun it.
+        progress: Its last event "step"; None before.
+        snapshot: The last event "snapshot" whose file nobody has read.
+        trained: Whether all that is left is to write and score the model.
+        steps_per_second: Of late; 0 before it is known.
+    """
 
     failure = "training can't begin"
-    end_by = signal.SIGINT if os.name == "posix" else signal.SIGTERM
     patience = 120.0  # s, to write its work
-    progress: dict | None = None  # stage, step, steps
+    progress: dict | None = None
+    snapshot: dict | None = None
+    paused = trained = False
+    steps_per_second = 0.0
 
-    def __init__(self, offer: TrainOffer):
-        self.offer = offer
-        super().__init__(CODE, lambda _: offer.arguments)
-
-    @property
-    def share(self) -> float:
-        """Of the steps that are done."""
-        told = self.progress
-        return 0.0 if told is None else (told["stage"] - 1 + told["step"] / told["steps"]) / 2.0
+    def __init__(self, arguments: list[str], output: Path, device: str, stays: bool = False):
+        """Begin a run with the arguments of deformrf train."""
+        self.output, self.device, self.stays = output, device, stays
+        if stays:  # the terminal's; and frames do not come first
+            self.stderr, self.priority = None, 0
+        super().__init__(CODE, lambda folder: [str(folder / "snapshot.npz"), *arguments])
 
     def note(self, event):
-        self.progress = event
+        if event["event"] == "snapshot":
+            self.snapshot = event
+        elif event["event"] == "trained":
+            self.trained, self.paused = True, False
+        else:
+            before, self.progress = self.progress, event
+            if before is not None and before["stage"] == event["stage"]:
+                seconds = max(event["seconds"] - before["seconds"], 1e-9)
+                self.steps_per_second = (event["step"] - before["step"]) / seconds
+
+    def hear(self, line):
+        if self.stays:
+            print(line, end="", flush=True)
+
+    def pause(self, paused: bool) -> None:
+        """Let it wait after its next few steps, or go on."""
+        self.paused = paused
+        self.tell("pause" if paused else "go on")
+
+    def end(self, process):
+        self.tell("stop")
+
+    def stop(self) -> None:
+        """Tell it to end as by Ctrl-C, and keep its work; a second time, at once."""
+        if self.stopping:
+            self.tell("stop")
+        super().stop()
+
+    def wait(self) -> int | None:
+        """Wait for its end; returns its exit code, None if it could not begin."""
+        while self._thread.is_alive():
+            try:
+                self._thread.join(WAIT_SECONDS)
+            except KeyboardInterrupt:
+                self.stop()
+        return self.code
 
     def close(self) -> None:
         if not self.ended:
             print("Training stops; what is done is written.", file=sys.stderr, flush=True)
         super().close()
-
-
-def begin_job(app) -> None:
-    """Do what the App's dialog offers."""
-    offer, app.questions.dialog = app.questions.dialog, None
-    if app.train_job is None:
-        app.train_job = TrainJob(offer)
-        app.log("training", path=offer.data)
-    else:
-        app.recorder.say("one model is being trained: wait for it, or stop it")
-
-
-def follow_job(app) -> None:
-    """Called in every frame: open the model when it is trained, or say why there is none."""
-    job = app.train_job
-    if job is None or not job.ended:
-        return
-    app.train_job = None
-    if job.code == 0:
-        app.opening.asked = job.offer.output
-    app.recorder.say(readable(job.line))

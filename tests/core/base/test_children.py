@@ -274,7 +274,7 @@ def test_the_code_of_a_job_forgets_the_current_folder_by_itself(trap, tmp_path, 
     """Where somebody runs it by a Python of their own, without -P."""
     begun = f"from deformrf.viewer.{job} import CODE; print(CODE)"
     code = run(tmp_path, "-c", begun).stdout
-    done = run(trap, "-c", code, "--help")
+    done = run(trap, "-c", code, "snapshot.npz", "--help")
     assert done.returncode == 0 and not executed(trap), done.stderr
 
 
@@ -298,7 +298,8 @@ session = save_session(scene, start, out / "s.jsonl")
 arguments = ["--size", "48x32", "--fps", "15", "--samples", "1", "--hide-handles"]
 arguments += ["--session", str(session), "--device", "cpu", "-o", str(out / "f.mp4")]
 film = FilmJob(field, "ball", arguments)
-training = TrainJob(offer_of(Path("."), "cpu"))
+offer = offer_of(Path("."), "cpu")
+training = TrainJob(offer.arguments, offer.output, "cpu")
 while not (film.ended and training.ended):
     time.sleep(0.05)
 print(film.written, film.problem, training.code, training.line, sep="\\n")

@@ -2,27 +2,32 @@
 
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from PIL import Image
 
-from deformrf.commands import train
 from deformrf.commands import view as command
-from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job
+from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job, watching
 
 WORKS = """
 import json, sys, time
-print('{"event": "step", "stage": 2, "step": 30, "steps": 60}', flush=True)
+step = {"event": "step", "stage": 2, "step": 30, "steps": 60, "seconds": 9.0, "rate": 1e5}
+print(json.dumps(step | {"history": []}), flush=True)
+model = open(MODEL, "rb").read()
+open(sys.argv[1], "wb").write(model)
+print(json.dumps({"event": "snapshot", "path": sys.argv[1], "step": 30}), flush=True)
 print("words for people", flush=True)
-open(sys.argv[3], "wb").write(open(MODEL, "rb").read())
+while WAITS and sys.stdin.readline().strip() != "go on":
+    pass
+open(sys.argv[4], "wb").write(model)
 """
 FAILS = "import sys; print('deformrf train: too few photographs'); sys.exit(2)"
 WAITS = """
-import signal, sys, time
-signal.signal(signal.SIGINT, lambda *_: (print("kept the work", flush=True), sys.exit(130)))
+import sys
 print("ready", flush=True)
-time.sleep(60)
+if sys.stdin.readline().strip() == "stop":
+    print("kept the work", flush=True)
+    sys.exit(130)
 """
 
 
@@ -38,6 +43,16 @@ def photos(tmp_path):
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+
+
+def works(ball_file, waits=False):
+    """The code of a run that shows a snapshot, and may wait until it is told to go on."""
+    return WORKS.replace("MODEL", repr(str(ball_file))).replace("WAITS", repr(waits))
+
+
+def begun(photos):
+    offer = offer_of(photos, "cpu")
+    return TrainJob(offer.arguments, offer.output, "cpu")
 
 
 def ended(job, seconds=30):
@@ -71,17 +86,17 @@ def test_the_command_that_is_offered_is_one(photos):
 
 
 def test_a_job_tells_how_far_it_is_and_its_last_words(photos, monkeypatch, ball_file):
-    monkeypatch.setattr(train_job, "CODE", WORKS.replace("MODEL", repr(str(ball_file))))
-    job = ended(TrainJob(offer_of(photos, "cpu")))
-    assert (job.code, job.line, job.share) == (0, "words for people", 0.75)
+    monkeypatch.setattr(train_job, "CODE", works(ball_file))
+    job = ended(begun(photos))
+    assert (job.code, job.line, job.progress["step"]) == (0, "words for people", 30)
     monkeypatch.setattr(train_job, "CODE", FAILS)
-    job = ended(TrainJob(offer_of(photos, "cpu")))
+    job = ended(begun(photos))
     assert job.code == 2 and "too few photographs" in job.line
 
 
 def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch, capsys):
     monkeypatch.setattr(train_job, "CODE", WAITS)
-    job = TrainJob(offer_of(photos, "cpu"))
+    job = begun(photos)
     while job.line != "ready":
         assert not job.ended
         time.sleep(0.02)
@@ -92,23 +107,9 @@ def test_a_job_that_is_stopped_keeps_its_work(photos, monkeypatch, capsys):
 
 def test_the_process_is_deformrf_train(photos):
     """Five photographs of nothing are refused by it, in a sentence."""
-    job = ended(TrainJob(offer_of(photos, "cpu")), 120)
+    job = ended(begun(photos), 120)
     assert (job.code, job.line.partition(":")[0]) == (2, "deformrf train"), job.line
     assert "5 photographs" in job.line
-
-
-def test_the_process_tells_of_its_steps(monkeypatch, capsys):
-    """In the form in which a job reads it, and not of each."""
-    pause = SimpleNamespace(stage=2, step=30, step_count=60)
-    monkeypatch.setattr(train, "train_command", lambda prepare: prepare(None))
-    monkeypatch.setattr(
-        train, "prepare_training", lambda _, on_pause: [on_pause(pause) for _ in range(3)]
-    )
-    train.main_of_job()
-    (line,) = capsys.readouterr().out.splitlines()
-    job = TrainJob.__new__(TrainJob)
-    job._hear(line)
-    assert job.share == 0.75
 
 
 def test_without_a_window_a_sentence_has_the_command(photos, capsys):
@@ -151,11 +152,11 @@ def drop(app, path):
 def test_a_folder_that_is_dropped_is_trained_and_its_model_shown(
     app, photos, monkeypatch, ball_file
 ):
-    monkeypatch.setattr(train_job, "CODE", WORKS.replace("MODEL", repr(str(ball_file))))
+    monkeypatch.setattr(train_job, "CODE", works(ball_file))
     drop(app, photos)
     assert isinstance(app.questions.dialog, TrainOffer) and app.questions.dialog.data == photos
     offer = app.questions.dialog
-    train_job.begin_job(app)
+    watching.begin_job(app)
     job = app.train_job
     assert app.questions.dialog is None
     app.run(app.frame_count + 1)  # which may see its end
@@ -165,12 +166,68 @@ def test_a_folder_that_is_dropped_is_trained_and_its_model_shown(
     assert app.scene.name == offer.output.stem and Path(app.preferences.recent[0]) == offer.output
 
 
+def frames_until(app, condition, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        app.run(app.frame_count + 1)
+
+
+@pytest.fixture
+def watched(app, photos, monkeypatch, ball_file):
+    """The App while a run that it has begun waits, with a snapshot."""
+    monkeypatch.setattr(train_job, "CODE", works(ball_file, waits=True))
+    drop(app, photos)
+    watching.begin_job(app)
+    return app
+
+
+@pytest.mark.gl
+def test_a_run_that_the_viewer_begins_is_watched(watched):
+    app, job, settings, first = watched, watched.train_job, watched.scene.settings, watched.scene
+    accumulates = settings.accumulate
+    frames_until(app, lambda: app.scene is not first)
+    assert app.scene.settings is settings and not settings.accumulate and app.autosave is None
+    scene = app.scene
+    scene.handles.grab(int(scene.handles.control_ids[0]))
+    scene.handles.release()
+    job.pause(False)
+    frames_until(app, lambda: app.train_job is None)
+    assert job.code == 0 and app.scene is scene and scene.source == job.output  # it was touched
+    assert settings.accumulate == accumulates and app.autosave is not None
+
+
+@pytest.mark.gl
+def test_what_was_done_to_another_model_stays_until_the_run_is_over(watched):
+    app, job, scene = watched, watched.train_job, watched.scene
+    scene.handles.grab(int(scene.handles.control_ids[0]))
+    scene.handles.release()
+    frames_until(app, lambda: not app.watcher._watching)
+    assert app.scene is scene
+    job.pause(False)
+    frames_until(app, lambda: app.scene is not scene)
+    assert app.scene.source == job.output
+
+
+@pytest.mark.gl
+def test_a_model_that_is_opened_meanwhile_is_left_alone(watched, ball_file):
+    app, job, first = watched, watched.train_job, watched.scene
+    accumulates = app.scene.settings.accumulate
+    frames_until(app, lambda: app.scene is not first)
+    app.opening.asked = ball_file
+    frames_until(app, lambda: app.scene.source == ball_file)
+    frames_until(app, lambda: not app.watcher._watching)
+    assert app.scene.settings.accumulate == accumulates
+    job.pause(False)
+    frames_until(app, lambda: app.scene.source == job.output)
+
+
 @pytest.mark.gl
 def test_a_run_that_fails_says_why_and_the_scene_stays(app, photos, monkeypatch):
     monkeypatch.setattr(train_job, "CODE", FAILS)
     scene = app.scene
     drop(app, photos)
-    train_job.begin_job(app)
+    watching.begin_job(app)
     ended(app.train_job)
     app.run(app.frame_count + 2)
     assert app.scene is scene and "too few photographs" in app.recorder.message
