@@ -35,9 +35,7 @@ def timeline(hand):
     """The timeline plays."""
     hand.keys("k")
     hand.fresh()
-    hand.keys("shift+o")  # a turn of the camera
-    hand.fresh()
-    hand.keys("Return")
+    hand.keys("shift+o")  # a turn of the camera, which plays
     hand.wait(lambda: hand.next_state()["playing"], 20, "it plays")
 
 
