@@ -143,6 +143,8 @@ class Takes:
     def _start(self) -> str:
         """Begin the film; returns a sentence if that can't be."""
         choices, why_not = self.choices, self.why_not(self.choices.what)
+        if not Path(choices.name).name:  # as of "/"
+            return "a film needs a name"
         path, session = choices.path, choices.session
         if self.job is not None:
             return "one film is being rendered: wait for it, or cancel it"

@@ -209,6 +209,8 @@ def _end_film(hand):
     """Stop a film that has begun."""
     if hand.fresh()["films"]:
         hand.tally.tried("dialog film", "films begun and ended")
+        if not _soon(hand, lambda state: "End it here" in state["widgets"]):
+            hand.note("dialog film", "end it here", "there is no such button")
         hand.reach_and_click("End it here", "small_button")
         hand.wait(lambda: not hand.next_state()["films"], 60, "the film is ended")
         hand.check("dialog film", "end it here")

@@ -35,9 +35,7 @@ def timeline(hand):
     """The timeline plays."""
     hand.keys("k")
     hand.fresh()
-    hand.keys("shift+o")  # a turn of the camera
-    hand.fresh()
-    hand.keys("Return")
+    hand.keys("shift+o")  # a turn of the camera, which plays
     hand.wait(lambda: hand.next_state()["playing"], 20, "it plays")
 
 
@@ -69,11 +67,11 @@ def key_of(name):
     return lambda hand: hand.keys(name)
 
 
-STATES = {  # name: what brings the window there, and whether there is work that no file has
+STATES = {  # what brings the window there; whether work is unsaved then, None: it may be
     "nothing done": (lambda hand: None, False),
     "work": (lambda hand: hand.bend(), True),
     "while dragging": (drag, True),
-    "while dragging freely": (free_drag, False),
+    "while dragging freely": (free_drag, None),
     "a menu open": (open_list, False),
     "typing": (typed, False),
     "the open dialog": (key_of("ctrl+o"), False),
@@ -130,7 +128,7 @@ def _quit(hand, step, way, has_work):
         hand.note(PART, step, f"exit code {code}")
     if has_work and not asked:
         hand.note(PART, step, "it ended without a question")
-    if asked and not has_work:
+    if asked and has_work is False:
         hand.note(PART, step, "a question about nothing")
     for entry in hand.events("said"):
         hand.note(PART, step, entry["line"])

@@ -35,6 +35,14 @@ def test_a_name_that_is_too_long_is_a_sentence(app):
     assert app.takes.asking and "too long" in app.takes.problem
 
 
+def test_a_name_without_a_file_is_a_sentence(app):
+    app.takes.ask()
+    for name in ("/", "."):
+        app.takes.choices.name = name
+        app.takes.start_film()
+        assert app.takes.asking and app.takes.problem
+
+
 def press(app, modifiers=0):
     from pyglet.window import key
 
