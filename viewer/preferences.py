@@ -7,7 +7,7 @@ aside, with a message.  Options of the command line come before it.
 import json
 import os
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..core.base.reading import open_file
 from ..core.base.streams import shown
 from .settings import (
     GIZMOS,
+    GRAB_RADII,
     HANDS,
     KEYS,
     ORBIT_KEYS,
@@ -33,48 +34,31 @@ KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
 MOST_RECENT = 10  # files that were opened
 SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
-KEPT = (  # of the Settings
-    "background",
-    "grab_radius",
-    "hand",
-    "grab_anywhere",
-    "orbit_key",
-    "gizmo",
-    "own_axes",
-    "keys",
-    "has_chosen_keys",
-    "show_panel",
-    "panel_side",
-    "panel_width",
-    "theme",
-    "panel_scale",
-    "has_dragged",
-)
-DEFAULT = Settings()
+KEPT = {  # of the Settings: whether a value of the file is one
+    "background": schema.vector(3, schema.number(0.0, 1.0)),
+    "grab_radius": schema.number(*GRAB_RADII),
+    "hand": schema.one_of(HANDS),
+    "orbit_key": schema.one_of(ORBIT_KEYS),
+    "gizmo": schema.one_of(GIZMOS),
+    "keys": schema.one_of(KEYS),
+    "panel_side": schema.one_of(SIDES),
+    "panel_width": schema.number(*PANEL_WIDTHS),
+    "theme": schema.one_of(THEMES),
+    "panel_scale": schema.number(*SCALES),
+    **dict.fromkeys(("grab_anywhere", "own_axes", "has_chosen_keys"), schema.flag),
+    **dict.fromkeys(("show_panel", "has_dragged"), schema.flag),
+}
+_kept = [one for one in fields(Settings) if one.name in KEPT]
+Kept = make_dataclass("Kept", [(one.name, one.type, one.default) for one in _kept])
 
 
 @dataclass
-class Preferences:
-    """What is remembered; `path` is the file, None keeps nothing."""
+class Preferences(Kept):
+    """What is remembered: the KEPT settings, and more; `path` is the file, None keeps nothing."""
 
     window_size: tuple[int, int] = (1200, 800)  # points
     interop: str = "auto"  # how CUDA frames reach OpenGL, as --interop
     target_fps: float | None = None  # None: what suits the device
-    background: tuple[float, float, float] = DEFAULT.background
-    grab_radius: float = DEFAULT.grab_radius
-    hand: str = DEFAULT.hand
-    grab_anywhere: bool = DEFAULT.grab_anywhere
-    orbit_key: str = DEFAULT.orbit_key
-    gizmo: str = DEFAULT.gizmo
-    own_axes: bool = DEFAULT.own_axes
-    keys: str = DEFAULT.keys
-    has_chosen_keys: bool = DEFAULT.has_chosen_keys
-    show_panel: bool = DEFAULT.show_panel
-    panel_side: str = DEFAULT.panel_side
-    panel_width: float = DEFAULT.panel_width
-    theme: str = DEFAULT.theme
-    panel_scale: float = DEFAULT.panel_scale
-    has_dragged: bool = DEFAULT.has_dragged
     film_folder: str = ""  # as it was typed; empty: the current one
     recent: list[str] = field(default_factory=list)  # absolute paths, the last one first
     path: Path | None = None
@@ -109,27 +93,12 @@ def is_path(text: str) -> bool:
     return "\0" not in text
 
 
-GOOD = {  # name: whether a value of the file is one
+GOOD = KEPT | {
     "window_size": schema.row(
         *(schema.integer(least, LARGEST_WINDOW) for least in SMALLEST_WINDOW)
     ),
     "interop": schema.one_of(("auto", "buffer", "copy")),
     "target_fps": schema.optional(schema.number(2.0, 120.0)),
-    "background": schema.vector(3, schema.number(0.0, 1.0)),
-    "grab_radius": schema.number(0.0, 0.4),
-    "hand": schema.one_of(HANDS),
-    "grab_anywhere": schema.flag,
-    "orbit_key": schema.one_of(ORBIT_KEYS),
-    "gizmo": schema.one_of(GIZMOS),
-    "own_axes": schema.flag,
-    "keys": schema.one_of(KEYS),
-    "has_chosen_keys": schema.flag,
-    "show_panel": schema.flag,
-    "panel_side": schema.one_of(SIDES),
-    "panel_width": schema.number(*PANEL_WIDTHS),
-    "theme": schema.one_of(THEMES),
-    "panel_scale": schema.number(*SCALES),
-    "has_dragged": schema.flag,
     "film_folder": schema.both(schema.text(), is_path),
     "recent": schema.listing(schema.both(schema.text(least=1), is_path), MOST_RECENT),
 }
