@@ -47,7 +47,7 @@ def test_a_drag_an_orbit_and_a_zoom_show_within_two_frames(app):
 
     assert until_changed(app, dispatch("on_mouse_drag", x, y, 60, 0, mouse.LEFT, 0)) <= 2
     controls.cancel()
-    controls.mode = "orbit"
+    controls.on_mouse_press(5, 5, mouse.LEFT, 0)  # beside the object
     assert until_changed(app, dispatch("on_mouse_drag", x, y, 40, 0, mouse.LEFT, 0)) == 1
-    controls._end()
+    controls.on_mouse_release(x, y, mouse.LEFT, 0)
     assert until_changed(app, dispatch("on_mouse_scroll", x, y, 0, 3)) == 1
