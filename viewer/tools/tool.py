@@ -4,6 +4,7 @@ Controls hands each event to the tool in the hand.  Where a tool takes no hold o
 drag is the camera's.  Pixels are the image's.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -96,49 +97,49 @@ class Tool:
         self.mode = ""
 
 
-class DragTool(Tool):
+class DragTool(Tool, ABC):
     """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo."""
 
     @property
+    @abstractmethod
     def waits(self) -> bool:
         """So far, it may be a click."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def gizmo(self):
         """The Gizmo of what is chosen; None without one."""
-        raise NotImplementedError
 
+    @abstractmethod
     def has_before_gizmo(self, pixel) -> bool:
         """Whether something is there that comes before the gizmo: a red point, or a joint."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def held_drag(self):
         """The Drag or BoneDrag in progress, or None."""
-        return None
 
     @property
+    @abstractmethod
     def drag_place(self):
         """Where what is dragged is: the point that the axes of the drag go through.  [3]"""
-        raise NotImplementedError
 
+    @abstractmethod
     def take(self, kind: str) -> bool:
         """Take what is chosen, else what is under the mouse, without a button; whether it can."""
-        raise NotImplementedError
 
+    @abstractmethod
     def take_part(self, kind: str) -> bool:
         """Take what is chosen where the button went down on the gizmo; whether it can."""
-        raise NotImplementedError
 
+    @abstractmethod
     def turn_into(self, kind: str) -> None:
         """Let the drag in progress move, turn or scale what is held."""
-        raise NotImplementedError
 
+    @abstractmethod
     def follow(self, pixel) -> None:
         """Send what is dragged to where the mouse is, or where a number says."""
-        raise NotImplementedError
 
+    @abstractmethod
     def finish(self) -> None:
         """End the drag in progress: what was dragged is let go where it is."""
-        raise NotImplementedError
