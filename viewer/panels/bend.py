@@ -149,7 +149,7 @@ def _tool_options(settings, cuts, body, actions):
     if settings.tool in DELETING or cuts.some:
         imgui.text_disabled(f"{int(cuts.kept.sum()):,} of {len(cuts.kept):,} tets are left")
         button("Specks", actions, "delete_specks", "delete parts with less than 1 % of the matter")
-        beside()
+        beside("Save smaller model")
         button("Save smaller model", actions, "save_model", "without what was deleted, here")
     if body.factors is not None:
         button("Even", actions, "clear_paint", "equally stiff")

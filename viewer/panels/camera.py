@@ -19,9 +19,11 @@ UP = "what the horizon is level to: some captures lie on their side"
 
 
 def camera_panel(viewpoint, settings, actions):
-    for name in AXIS_VIEWS:
+    for number, name in enumerate(AXIS_VIEWS):
+        if number:
+            beside(name.capitalize())
         button(name.capitalize(), actions, name)
-        beside()
+    beside("Fly")
     button("Fly", actions, "fly", "with W A S D, Q and E, and the mouse")
     button("Reset camera", actions, "home")
     imgui.same_line()

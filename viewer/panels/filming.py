@@ -16,11 +16,11 @@ CLIP_TOOLTIP = "a video of the view as it shows, coarse while things move"
 def filming_panel(settings, takes, recorder, actions):
     label = "Stop recording" if takes.recording else "Record what I do"
     button(label, actions, "record", RECORD_TOOLTIP)
-    beside()
+    beside("Make a film...")
     button(
         "Make a film...", actions, "save_film", "of the timeline, of what was recorded, or a turn"
     )
-    beside()
+    beside("Save a picture")
     button("Save a picture", actions, "screenshot", "of the view, into the current folder")
     video = recorder.video
     label = "Stop the clip" if video else "Record the screen"

@@ -140,10 +140,12 @@ def section(title: str, is_open: bool = True) -> bool:
     return imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open.value * is_open)
 
 
-def beside() -> None:
-    """Go on in the same line if another button fits there, else in the next one."""
-    right = imgui.get_item_rect_max().x + 60.0
-    if right < imgui.get_window_pos().x + imgui.get_window_width():
+def beside(label: str) -> None:
+    """Go on in the same line if a button with that label fits there, else in the next one."""
+    style = imgui.get_style()
+    width = imgui.calc_text_size(label).x + 2.0 * style.frame_padding.x
+    right = imgui.get_item_rect_max().x + style.item_spacing.x + width
+    if right < imgui.get_window_pos().x + imgui.get_window_width() - style.window_padding.x:
         imgui.same_line()
 
 
