@@ -21,7 +21,14 @@ from random_hands import Inputs
 
 from deformrf.core.base.paths import BUNDLED
 from deformrf.core.field import load
-from deformrf.viewer.document import Player, Scene, begin_anew, load_session, save_session
+from deformrf.viewer.document import (
+    Player,
+    Scene,
+    begin_anew,
+    load_session,
+    save_session,
+    start_of,
+)
 from deformrf.viewer.events import EventLog
 from deformrf.viewer.memory import resident_bytes
 from deformrf.viewer.window import open_window
@@ -78,6 +85,7 @@ def main():
             print(line, flush=True)
             app.autosave.end()
             begin_anew(app.scene)
+            app.session_start = start_of(app.scene)
             app.begin_autosave()
         app.close()
     sys.exit(int(faults > 0))

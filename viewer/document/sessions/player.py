@@ -42,8 +42,9 @@ class Player:
             raise SessionError("the session is of a copy of this model with other stiffnesses")
         if start["rig"] != start_of(scene)["rig"]:
             raise SessionError("the session is of a copy of this model with another rig")
+        scene.settings.hand = start["hand"]  # else a `choose_hand` might be a step, or none
         if start != start_of(scene):
-            del start["stiffness"], start["rig"]
+            del start["stiffness"], start["rig"], start["hand"]
             scene.floor = start.pop("floor")
             scene.handles.points = ControlPoints.of_rows(start.pop("points"))
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))

@@ -33,6 +33,7 @@ from ....core.base.schema import integer
 from ....core.base.streams import printable, shown
 from ....core.deform import FIRST_INTEGRATOR, XpbdSolver
 from ....core.field import TetField
+from ...settings import HANDS
 from ..history.journal import EDITS, Event, Journal
 from ..scene.scene import Scene  # its methods and those of its objects are the edits
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
@@ -111,6 +112,7 @@ def start_of(scene: Scene) -> dict:
         "pins": np.flatnonzero(scene.pins).tolist(),
         "points": scene.handles.points.rows(),
         "floor": scene.floor,
+        "hand": scene.settings.hand,
         "stiffness": None if scene.field.stiffness is None else factor_hash(scene.field.stiffness),
         "rig": None if scene.field.rig_arrays is None else rig_hash(scene.field.rig_arrays),
     }
@@ -293,7 +295,8 @@ def _check_header(path, header, mesh):
         raise SessionError(f"{path}: its first line lacks 'start' or 'ticks'")
     _check(path, 1, "start", start, mesh.vertex_count)
     # The first sessions lack these.
-    header["start"] = {"automatic_substeps": False, "integrator": FIRST_INTEGRATOR} | start
+    absent = {"automatic_substeps": False, "integrator": FIRST_INTEGRATOR, "hand": HANDS[0]}
+    header["start"] = absent | start
 
 
 # -- events ------------------------------------------------------------------------------------

@@ -48,7 +48,7 @@ MATERIAL = tuple(f.name for f in fields(Material))
 ORBIT = tuple(f.name for f in fields(Orbit))
 OPTIONS = "substep_count", "contact"
 # What a start has besides the material and OPTIONS.
-START = "automatic_substeps integrator meters_per_unit pins points floor stiffness rig".split()
+START = "automatic_substeps integrator meters_per_unit pins points floor hand stiffness rig".split()
 ANY_NAMES = {"set_material": MATERIAL, "set_options": OPTIONS}
 VIEW = (*ORBIT, *SHOWN)
 LONGEST_CLIP = 86400.0  # s

@@ -435,3 +435,15 @@ def test_names_and_views_that_a_user_can_make_are_ones_that_a_session_can_have(
     scene.note_view()
     events = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball).events
     assert [event.name for event in events] == ["name", "name", "view"]
+
+
+def test_a_choice_of_the_hand_is_a_step_when_it_was_one(ball, scene, tmp_path):
+    scene.settings.hand = "pose"  # as the preferences may have it
+    start = start_of(scene)
+    scene.body.set_material(young_modulus=2e6)
+    scene.handles.choose_hand("physics")
+    scene.undo()
+    session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
+    other = Scene(ball, "ball", "cpu")
+    Player(other, session).play_to(session.ticks)
+    assert other.body.material.young_modulus == 2e6 and other.settings.hand == "pose"
