@@ -47,7 +47,7 @@ def write_session(path, field):
     place = scene.handles.grabbed.target.place
     for tick in range(10):
         scene.handles.drag_to(np.add(place, (0.0, 0.0, LIFT * (tick + 1) / 10)))
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     save_session(scene, start, path)
 
 

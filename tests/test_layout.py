@@ -84,8 +84,6 @@ SLOW = {
 FUNCTION_LINES_MAX = 60
 NARROW = "viewer/document", "viewer/layers"  # whose parts see each other by protocols
 WHOLE_SCENE = {  # what really is about all of it
-    "history/undo.py": ["state_of", "is_nothing", "restore", "begin_anew", "unless_it_fails"],
-    "sessions/session.py": ["start_of"],
     "sessions/player.py": ["__init__"],
 }
 
@@ -225,10 +223,9 @@ def test_few_functions_take_the_whole_scene():
 
 
 def test_the_scene_is_given_to_protocols_alone():
-    """`partial` is for the journal, whose three functions have one."""
     rooms = narrow_rooms()
     for node in ast.walk(tree_of(ROOT / "viewer" / "document" / "scene" / "scene.py")):
-        if isinstance(node, ast.Call) and ast.unparse(node.func) != "partial":
+        if isinstance(node, ast.Call):
             for one in (one for one in node.args if ast.unparse(one) == "self"):
                 assert rooms.wanted(node, one), ast.unparse(node)
 
@@ -280,7 +277,7 @@ def test_what_a_protocol_lacks_is_found(line, fault):
 def test_what_a_real_protocol_lacks_is_found():
     trees = dict(narrow_rooms().trees)
     path = ROOT / "viewer" / "document" / "timeline" / "timeline.py"
-    text = path.read_text(encoding="utf-8").replace("_keyed.paused", "_keyed.ball")
+    text = path.read_text(encoding="utf-8").replace("_keyed.clock.paused", "_keyed.ball")
     assert "_keyed.ball" in text
     found = narrow.Rooms(trees | {path: ast.parse(text)}).faults
     assert found and all(one.endswith("self._keyed.ball is not in Keyed") for one in found)

@@ -217,7 +217,7 @@ class App:
             now - self._drawn_at < REDRAW_SECONDS
             and now - self.last_event > AWAKE_SECONDS
             and self.radiance.refined == 1.0
-            and not self.scene.moving
+            and not self.scene.clock.moving
             and not self.fly.on
             and not self.recorder.wants_screenshot
             and self.recorder.video is None
@@ -246,13 +246,13 @@ class App:
             controls.leave()
         self.fly.advance(seconds)
         photograph, places = call(placed_photograph, self)
-        moved, tick = scene.moving, scene.journal.tick
-        if not whole and scene.waits:  # time stands, and the window answers
+        moved, tick = scene.clock.moving, scene.journal.tick
+        if not whole and scene.clock.waits:  # time stands, and the window answers
             self._wait()
             moved = False
         else:
             with times.task("simulate"):
-                scene.advance(seconds)
+                scene.clock.advance(seconds)
                 controls.end_if_there()
         if moved:
             times.passed(seconds, scene.journal.tick - tick)

@@ -25,7 +25,8 @@ class EventLog:
 def state_of(app) -> dict:
     """The viewer's state for the events "ready" and "state"."""
     scene, controls, radiance = app.scene, app.controls, app.radiance
-    ids, moved = scene.handles.control_ids, displacements(scene)
+    ids, rest = scene.handles.control_ids, scene.solver.rest_vertices
+    moved = np.linalg.norm(scene.positions - rest, axis=1) / scene.size  # [V]
     pixels, _ = project(controls.camera, scene.handles.at(ids))
     joints = scene.rigging.joints
     places, _ = project(controls.camera, np.reshape([joint.place for joint in joints], (-1, 3)))
@@ -53,8 +54,8 @@ def state_of(app) -> dict:
         "question": app.questions.name,
         "max_displacement": moved.max(),
         "max_pin_displacement": moved[scene.solver.pinned].max(initial=0.0),
-        "moving": scene.moving,
-        "paused": scene.paused,
+        "moving": scene.clock.moving,
+        "paused": scene.clock.paused,
         "refined": radiance.refined,
         "samples": radiance.sample_count,
         "frames": app.frame_count,
@@ -67,11 +68,6 @@ def state_of(app) -> dict:
         "distance": scene.orbit.distance,
         "young_modulus": scene.body.material.young_modulus,
     }
-
-
-def displacements(scene):
-    """Distance of each vertex from its rest position, in object sizes.  [V]"""
-    return np.linalg.norm(scene.positions - scene.solver.rest_vertices, axis=1) / scene.size
 
 
 def _plain(value):

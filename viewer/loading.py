@@ -109,19 +109,18 @@ def prepare(field, name: str, device: str, progress: Progress):
     points, steady = visible_points(renderer, rest)
     progress.end_stage()
     scene = Scene(field, name, device, points, steady=steady)
-    _warm_up(scene)
+    _warm_up(scene.solver, has_bones=scene.rigging.bone_count > 0)
     progress.end_stage()
     return scene, renderer
 
 
-def _warm_up(scene):
+def _warm_up(solver, has_bones):
     """Take a step with and one without a handle, so that all that steps need is loaded.
 
     And what bones need, if the model has some: the first pose would wait for a compiler.  Thin
     parts are fitted beside the first frames; nothing needs them before it moves.
     """
-    solver = scene.solver
-    if scene.rigging.bone_count:
+    if has_bones:
         wp.load_module(Skinner.__module__, solver.device)
     solver.set_compliances(*solver.material.compliances(solver.edges, solver.volumes))
     solver.grab(np.flatnonzero(~solver.pinned)[:1])

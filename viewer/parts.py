@@ -14,7 +14,7 @@ PLACES = {  # of what is no attribute of the window itself
         name: f"scene.{name}"
         for name in (
             *("settings", "body", "cuts", "handles", "viewpoint", "timeline", "rigging", "posing"),
-            *("journal", "solver", "field", "name", "center", "size", "grab_radius"),
+            *("clock", "journal", "solver", "field", "name", "center", "size", "grab_radius"),
         )
     },
 }

@@ -13,11 +13,9 @@ from .document import (
     Player,
     Project,
     Session,
-    begin_anew,
     open_session,
     play_patiently,
     start_of,
-    unless_it_fails,
 )
 
 SILENT_SECONDS = 0.2  # between two pictures of how far it is
@@ -54,8 +52,8 @@ class Playing:
         scene, before = app.scene, app.autosave
         sentences = [] if before is None else before.keep()
         try:
-            with unless_it_fails(scene):
-                begin_anew(scene)
+            with scene.states.unless_it_fails():
+                scene.states.begin_anew()
                 usual = start_of(scene)
                 start = usual | session.header["start"]
                 self._play(Player(scene, session))
@@ -72,8 +70,8 @@ class Playing:
         app.project = None if project is None else project.path
         if project is not None:  # all is as it was saved
             project.apply_looks(scene)
-        elif scene.paused and not scene.timeline.stands:  # else a pose is shown, and stays
-            scene.paused = False
+        elif scene.clock.paused and not scene.timeline.stands:  # else a pose is shown, and stays
+            scene.clock.paused = False
         if before is not None:
             app.begin_autosave()
             sentences += app.autosave.write()

@@ -88,7 +88,7 @@ def main():
     hand, start = Hand(scene), start_of(scene)
     for frame in range(round(SECONDS * FPS)):
         hand.act(frame / FPS)
-        scene.advance(1.0 / FPS)
+        scene.clock.advance(1.0 / FPS)
     print(save_session(scene, start, arguments.out))
 
 

@@ -45,7 +45,7 @@ def swinging(field, device, ticks, folder):
 
     scene = Scene(field, "film", device)
     start, vertex = start_of(scene), int(scene.handles.control_ids[0])
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     for tick in range(ticks - 1):
         if tick % 120 == 0:
             scene.handles.grab(vertex)
@@ -55,7 +55,7 @@ def swinging(field, device, ticks, folder):
         if tick % 120 == 30:
             scene.handles.release()
         scene.orbit = orbits.turned(scene.orbit, 2.0, 0.0, ticks)
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     return load_session(save_session(scene, start, Path(folder) / "film.jsonl"), field)
 
 

@@ -157,11 +157,11 @@ class Pictures:
         for tick in range(1, PULL_TICKS + 1):
             share = min(tick / 30.0, 1.0)
             handles.drag_to(start + share * share * (3.0 - 2.0 * share) * scene.size * PULL)
-            scene.advance(1 / 60)
+            scene.clock.advance(1 / 60)
         self.shoot(app, "bent")
         handles.release()
         for _ in range(FREE_TICKS):
-            scene.advance(1 / 60)
+            scene.clock.advance(1 / 60)
         self.ticks = scene.journal.tick
 
 

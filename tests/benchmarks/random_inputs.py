@@ -24,7 +24,6 @@ from deformrf.core.field import load
 from deformrf.viewer.document import (
     Player,
     Scene,
-    begin_anew,
     load_session,
     save_session,
     start_of,
@@ -84,7 +83,7 @@ def main():
             line = f"session {number} of seed {seed}: {edits} edits, {end}, {memory:.0f} MB"
             print(line, flush=True)
             app.autosave.end()
-            begin_anew(app.scene)
+            app.scene.states.begin_anew()
             app.session_start = start_of(app.scene)
             app.begin_autosave()
         app.close()

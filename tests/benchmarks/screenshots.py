@@ -39,7 +39,7 @@ class Studio:
 
     def frames(self, count, seconds=1 / 60):
         for _ in range(count):
-            self.app.scene.advance(seconds)
+            self.app.scene.clock.advance(seconds)
         for _ in range(3):  # panels take a frame or two to find their size
             self.app.frame(0.0, whole=True)
 

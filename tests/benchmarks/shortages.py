@@ -110,7 +110,7 @@ def prepared(folder: Path) -> dict[str, Path]:
     scene = Scene(fields.load(paths["rigged"]), "rigged", "cpu")
     start = start_of(scene)
     scene.set_gravity(3.0)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     paths["session"] = save_session(scene, start, folder / "session.jsonl")
     images, frames = photographs(), []
     (paths["data"] / "train").mkdir(parents=True)

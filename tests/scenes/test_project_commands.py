@@ -25,7 +25,7 @@ def scene(ball_file):
     made.handles.set_pin(int(made.handles.control_ids[0]), True)
     made.timeline.turntable(30, asdict(made.orbit) | {"target": made.orbit.target.tolist()})
     for _ in range(30):
-        made.advance(1.0 / 60.0)
+        made.clock.advance(1.0 / 60.0)
     return made
 
 

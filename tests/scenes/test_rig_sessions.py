@@ -111,14 +111,14 @@ class RandomBones:
             *(self.drag,) * 3,
             scene.handles.release,
             self.delete,
-            lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
+            lambda: setattr(scene.clock, "paused", bool(random.integers(3) == 0)),
             lambda: scene.handles.set_pin(
                 int(random.integers(len(scene.positions))), bool(random.integers(2))
             ),
             scene.reset,
             scene.undo,
             scene.redo,
-            scene.single_step,
+            scene.clock.single_step,
         )
 
 

@@ -23,7 +23,7 @@ def made(ball):
     line.key(0, orbits.values_of(scene.orbit), True)
     scene.handles.grab(int(scene.handles.control_ids[0]))
     scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.1, 0.0, 0.0]))
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     line.key(20, orbits.values_of(replace(scene.orbit, yaw=1.5, distance=1.5)), True)
     scene.handles.release()
     line.set_motion("physics")
@@ -35,11 +35,11 @@ def test_a_film_shows_what_was_seen_while_the_timeline_played(ball, made, tmp_pa
     """Live at 10 frames a second: the film has the ticks between them, too."""
     scene, start = made
     scene.timeline.set_loop(loop)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     scene.timeline.play()
     seen = {}
     for _ in range(8):
-        scene.advance(0.1)
+        scene.clock.advance(0.1)
         seen[scene.journal.tick] = scene.orbit, scene.solver.vertices.numpy().copy()
     scene.note_view()
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)

@@ -96,7 +96,7 @@ class RandomTimeline:
             lambda: line.save_pose(str(random.choice(["a", "b"]))),
             self.blend,
             self.turn,
-            lambda: setattr(scene, "paused", bool(random.integers(3) == 0)),
+            lambda: setattr(scene.clock, "paused", bool(random.integers(3) == 0)),
             lambda: scene.handles.set_pin(
                 int(random.integers(len(scene.positions))), bool(random.integers(2))
             ),
@@ -105,7 +105,7 @@ class RandomTimeline:
             scene.reset,
             scene.undo,
             scene.redo,
-            scene.single_step,
+            scene.clock.single_step,
         )
 
 
@@ -137,16 +137,16 @@ def test_random_timelines_play_again_to_the_bit_and_undo_to_the_beginning(
 def test_a_turntable_that_turns_for_long_records_next_to_nothing(ball, scene, line, tmp_path):
     """A film has its camera all the same: at ticks, between them, and where it was stopped."""
     start = start_of(scene)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     line.turntable(88, view(scene))
     seen = {}
     for _ in range(40):
-        scene.advance(0.1)
+        scene.clock.advance(0.1)
         seen[scene.journal.tick] = scene.orbit
     line.stop()
     last = scene.journal.tick
     for _ in range(5):
-        scene.advance(0.1)
+        scene.clock.advance(0.1)
     names = [event.name for event in scene.journal.events]
     assert names == ["view", "turntable", "view", "stop"]
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
@@ -168,10 +168,10 @@ def test_a_camera_that_stands_until_the_timeline_plays_stands_in_films(ball, sce
     line.key(0, orbits.values_of(replace(scene.orbit, yaw=2.0)), False)
     line.key(6, orbits.values_of(replace(scene.orbit, yaw=2.5)), False)
     scene.orbit = replace(scene.orbit, yaw=0.0)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     line.play()
-    scene.advance(0.1)  # to the end, and
-    scene.advance(0.1)  # beyond
+    scene.clock.advance(0.1)  # to the end, and
+    scene.clock.advance(0.1)  # beyond
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
     film = Film(Scene(ball, "ball", "cpu"), session, 60)
     yaws = []

@@ -31,7 +31,7 @@ def use(scene, random, edits, count, most_frames):
     for _ in range(count):
         edits[random.integers(len(edits))]()
         for _ in range(random.integers(most_frames)):
-            scene.advance(float(random.uniform(0.0, 0.15)))
+            scene.clock.advance(float(random.uniform(0.0, 0.15)))
 
 
 class Inputs:

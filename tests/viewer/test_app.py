@@ -228,7 +228,7 @@ def test_keys_do_what_the_table_says(bare):
 
     scene = bare.scene
     send(bare, "on_key_press", key.SPACE, 0)
-    assert scene.paused
+    assert scene.clock.paused
     send(bare, "on_key_press", key.W, 0)
     assert scene.settings.show_wireframe
     send(bare, "on_key_press", key.TAB, 0)
@@ -434,16 +434,14 @@ def test_closing_the_window_ends_the_loop(bare):
 
 
 def test_while_thin_parts_are_fitted_time_stands_and_it_is_said(app, monkeypatch):
-    from deformrf.viewer.document import Scene
-
-    monkeypatch.setattr(Scene, "waits", True)
     scene = app.scene
+    monkeypatch.setattr(type(scene.clock), "waits", True)
     scene.solver.grab(np.flatnonzero(~scene.solver.pinned)[:1])
     before = scene.journal.tick, scene.solver.vertices.numpy()
     for _ in range(3):
         app.frame(0.1)
     assert scene.journal.tick == before[0] and "thin parts" in app.recorder.message
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), before[1])
-    monkeypatch.setattr(Scene, "waits", False)
+    monkeypatch.setattr(type(scene.clock), "waits", False)
     app.frame(0.1)
     assert scene.journal.tick > before[0]

@@ -34,7 +34,7 @@ def test_each_device_has_its_own_kernels():
 def test_a_model_is_prepared_on_a_gpu(ball):
     scene, _, progress = prepared(ball, "cuda:0")
     assert progress.fraction == 1.0
-    scene.single_step()
+    scene.clock.single_step()
 
 
 def test_scene_and_renderer_are_of_the_model_and_every_stage_is_timed(ball):
@@ -72,7 +72,7 @@ def test_no_other_module_is_needed_when_bones_move(ball, needed):
     for softness in (0.0, 0.5):
         scene.posing.set_softness(softness)
         scene.posing.hold_bone(0)
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert needed == before
 
 

@@ -95,7 +95,7 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
         return call
 
     if place == "frame":
-        app.scene.advance = failing_once(app.scene.advance)
+        app.scene.clock.advance = failing_once(app.scene.clock.advance)
     elif place == "event":
         reset = ACTIONS["reset"].function
         failing = functools.wraps(reset)(failing_once(reset))
@@ -116,7 +116,7 @@ def test_errors_that_dont_end_end_the_viewer(app, log_file):
     def fail(*arguments):
         raise ZeroDivisionError("always")
 
-    app.scene.advance = fail
+    app.scene.clock.advance = fail
     with pytest.raises(ZeroDivisionError):
         run_until_closed(app, 4)
 
@@ -126,6 +126,6 @@ def test_a_number_of_frames_is_drawn_without_errors_or_not_at_all(app):
     def fail(*arguments):
         raise ZeroDivisionError("once is enough")
 
-    app.scene.advance = fail
+    app.scene.clock.advance = fail
     with pytest.raises(ZeroDivisionError):
         app.run(app.frame_count + 1)

@@ -217,12 +217,12 @@ def test_a_project_opens_as_it_was_saved_and_undo_goes_on(app, work, tmp_path):
 def test_time_that_is_stopped_stays_stopped(app, tmp_path):
     app.scene.set_gravity(3.0)
     app.run(app.frame_count + 2)
-    app.scene.paused = True
+    app.scene.clock.paused = True
     app.save_project(tmp_path / "work.deformrf")
     saved = app.scene.solver.vertices.numpy().copy()
     open_file(app, tmp_path / "work.deformrf")
     app.frame(0.1)
-    assert app.scene.paused
+    assert app.scene.clock.paused
     np.testing.assert_array_equal(app.scene.solver.vertices.numpy(), saved)
 
 

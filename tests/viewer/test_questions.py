@@ -200,7 +200,7 @@ def test_training_that_would_stop_is_asked_about(app, places):
 @pytest.fixture
 def filming(app):
     """The App while a process renders a film of it."""
-    app.scene.advance(0.2)
+    app.scene.clock.advance(0.2)
     app.takes.ask()
     app.takes.choices = FilmChoices("film", "as the window", 15, 1, handles=False)
     app.takes.start_film()

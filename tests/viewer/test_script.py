@@ -81,7 +81,7 @@ def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_ca
     assert height == scene.handles.at(scene.handles.control_ids, rest)[:, 2].max()
     for frame in range(script.hold_ends(30)):
         script.play(drag, scene, frame, 30)
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
     (moved,) = scene.handles.at([drag.vertex]) - scene.handles.at([drag.vertex], rest)
     assert moved == pytest.approx(drag.offset, abs=1e-5)
 
@@ -93,7 +93,7 @@ def test_the_vertex_goes_out_is_held_and_comes_back(ball):
     distances = []
     for frame in range(40):
         script.play(drag, scene, frame, 30)
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
         rest = scene.field.mesh.rest_vertices
         (moved,) = scene.handles.at([vertex]) - scene.handles.at([vertex], rest)
         distances.append(float(moved[0]))
@@ -109,5 +109,5 @@ def test_it_ends_let_go_or_held_but_never_fails(ball, count):
     drag = script.DragScript(int(scene.handles.control_ids[0]), (0.1, 0.0, 0.0))
     for frame in range(count):
         script.play(drag, scene, frame, count)
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
     assert (scene.handles.grabbed is None) == (count > 2)

@@ -194,14 +194,14 @@ def unhide(handles):
 # -- time --------------------------------------------------------------------------------------
 
 
-@action("pause, or go on", "SPACE", "Edit/-Pause", on=lambda scene: scene.paused)
-def pause(scene):
-    scene.paused = not scene.paused
+@action("pause, or go on", "SPACE", "Edit/-Pause", on=lambda clock: clock.paused)
+def pause(clock):
+    clock.paused = not clock.paused
 
 
 @action("single step", "PERIOD", "Edit/Single step")
-def single_step(scene):
-    scene.single_step()
+def single_step(clock):
+    clock.single_step()
 
 
 gesture("right click", "while dragging: let go, it goes back")

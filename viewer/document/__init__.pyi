@@ -6,7 +6,8 @@ from .sessions.session import (
 from .sessions.replay import poses as poses
 
 # For the rest of the viewer, and the commands.
-from .scene.scene import MAX_STEPS as MAX_STEPS, Scene as Scene
+from .scene.scene import Scene as Scene
+from .scene.clock import MAX_STEPS as MAX_STEPS
 from .scene.body import EARTH as EARTH
 from .scene.cuts import masks_of as masks_of
 from .scene.handles import MOST_ADDED as MOST_ADDED
@@ -22,11 +23,6 @@ from .scene.grabs import (
 from .scene.surface import visible_points as visible_points
 from .scene.viewpoint import clean_name as clean_name
 from .history.journal import EDITS as EDITS, Event as Event, Journal as Journal
-from .history.undo import (
-    begin_anew as begin_anew,
-    state_of as state_of,
-    unless_it_fails as unless_it_fails,
-)
 from .timeline.timeline import MOTIONS as MOTIONS, TRACKS as TRACKS, WEIGHTS as WEIGHTS
 from .timeline.keys import (
     CameraKey as CameraKey,

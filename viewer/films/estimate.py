@@ -58,7 +58,7 @@ class _Player(Player):
         if ticks > 0 and hurry.spent >= PLAYING:
             self._leave_out(ticks)
             return True
-        moves = ticks > 0 and bool(scene.moving)
+        moves = ticks > 0 and bool(scene.clock.moving)
         goes_on = super()._step(tick)
         seconds = time.perf_counter() - begin
         hurry.played += moves
@@ -71,7 +71,7 @@ class _Player(Player):
         if scene.timeline.playing:
             self._hurry.left_out += ticks
             scene.timeline.skip(ticks)
-        elif scene.moving:
+        elif scene.clock.moving:
             self._hurry.left_out += min(ticks, SETTLING)
         scene.journal.tick += ticks
 

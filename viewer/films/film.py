@@ -20,7 +20,6 @@ from ..document import (
     Player,
     Session,
     SessionError,
-    begin_anew,
     orbit_at,
     play_patiently,
 )
@@ -112,7 +111,7 @@ def with_timeline(scene, session: Session, playing=Player) -> tuple[Session, int
         patience.heed(tick - begin)
     scene.note_view()
     events = list(scene.journal.events)
-    begin_anew(scene)
+    scene.states.begin_anew()
     return Session(session.header | {"ticks": end}, events), begin
 
 

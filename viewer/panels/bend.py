@@ -54,9 +54,9 @@ TAKES = "how far around the mouse a drag takes the object along; the wheel does 
 SOFT = "pull with springs, weaker towards the radius, instead of moving exactly"
 
 
-def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actions):
+def bend_panel(scene, clock, solver, body, cuts, handles, settings, controls, gui, times, actions):
     """What a beginner needs first; physics under *Advanced*."""
-    _time_buttons(scene, actions)
+    _time_buttons(clock, solver, actions)
     if section("Hand"):
         number_setting("takes along", settings, "grab_radius", GRAB_RADII, "%.2f of it", 0, TAKES)
         setting("grab anywhere", settings, "grab_anywhere", "on the object, not only at red points")
@@ -106,22 +106,22 @@ def vertex_line(handles) -> str:
     return f"{len(handles.selected)} selected" if handles.selected else "nothing under the mouse"
 
 
-def _time_buttons(scene, actions):
-    button("Go on" if scene.paused else "Pause", actions, "pause")
+def _time_buttons(clock, solver, actions):
+    button("Go on" if clock.paused else "Pause", actions, "pause")
     imgui.same_line()
     button("Original shape", actions, "reset", "back to how it was at rest, with its pins")
     imgui.same_line()
-    imgui.text_disabled(state_line(scene))
+    imgui.text_disabled(state_line(clock, solver))
 
 
-def state_line(scene) -> str:
-    if scene.solver.rescue.running:
+def state_line(clock, solver) -> str:
+    if solver.rescue.running:
         return "rescuing ..."
-    if scene.solver.rescue.given_up:
+    if solver.rescue.given_up:
         return "tangled: take Original shape"
-    if scene.solver.rescue.held_by:
-        return f"folded by {HELD_BY[scene.solver.rescue.held_by]}"
-    return "paused" if scene.paused else "moving" if scene.moving else "at rest"
+    if solver.rescue.held_by:
+        return f"folded by {HELD_BY[solver.rescue.held_by]}"
+    return "paused" if clock.paused else "moving" if clock.moving else "at rest"
 
 
 def name_of(material) -> str:

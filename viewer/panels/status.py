@@ -13,9 +13,11 @@ def status_height() -> float:
     return imgui.get_frame_height()
 
 
-def status_line(controls, scene, handles, times, radiance, fly, takes, recorder, actions) -> None:
+def status_line(
+    controls, clock, solver, handles, times, radiance, fly, takes, recorder, actions
+) -> None:
     """Draw it into the window that is being built."""
-    right = _facts(scene, handles, times, radiance, actions.label("pause"))
+    right = _facts(clock, solver, handles, times, radiance, actions.label("pause"))
     width = imgui.calc_text_size(right).x
     sign = recording_line(takes, recorder)
     if sign:
@@ -37,8 +39,8 @@ def hint_of(controls, fly) -> str:
     return f"{controls.tool.word}: {controls.tool.hint}"
 
 
-def _facts(scene, handles, times, radiance, key):
-    fps, state = 1.0 / max(times.frame_seconds(), 1e-6), state_line(scene)
+def _facts(clock, solver, handles, times, radiance, key):
+    fps, state = 1.0 / max(times.frame_seconds(), 1e-6), state_line(clock, solver)
     facts = [
         state + f" ({key}: go on)" * (state == "paused"),
         f"{radiance.refined:.0%} sharp",

@@ -194,7 +194,7 @@ class Bend(DragTool):
         self.dragging = drags.Drag(view.press_at, view.press_at - center, held=held)
         view.pointer = view.press_at
         self.mode = "grab"
-        if scene.paused and scene.settings.hand != "pose":
+        if scene.clock.paused and scene.settings.hand != "pose":
             self.told.say(PAUSED)
         self.told.log("grab", vertex=handle, position=self._place(handle), pixel=center)
 

@@ -20,8 +20,8 @@ class Push(Tool):
     def press(self, pixel, modifiers) -> bool:
         scene, point = self.scene, self.view.surface_at(pixel)
         if scene.timeline.stands:  # at a pose of the timeline: a hand lets time go on
-            scene.paused = False
-        if scene.paused:
+            scene.clock.paused = False
+        if scene.clock.paused:
             self.told.say(PAUSED_BALL)
         scene.push(point, -ray(self.view.camera, pixel)[1])
         (center,), _ = project(self.view.camera, scene.ball.target[None])

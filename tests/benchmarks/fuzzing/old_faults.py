@@ -144,7 +144,7 @@ def a_day_at_once():
                     self._made += 1
                     self._make(events[self._made - 1])
                 else:
-                    self.scene.tick()
+                    self.scene.clock.tick()
         return True
 
     module("viewer.document.sessions.player").Player.play_to = play_to

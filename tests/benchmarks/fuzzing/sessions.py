@@ -18,12 +18,10 @@ from deformrf.viewer.document import (
     Player,
     Scene,
     SessionError,
-    begin_anew,
     left_behind,
     load_session,
     save_session,
     start_of,
-    unless_it_fails,
 )
 from deformrf.viewer.films import Film, with_timeline
 
@@ -105,8 +103,8 @@ def played(field, session):
     for tries in range(REPLAYS):
         made = 0
         try:
-            with unless_it_fails(scene):
-                begin_anew(scene)
+            with scene.states.unless_it_fails():
+                scene.states.begin_anew()
                 player = Player(scene, session)
                 try:
                     for _ in player.batches(session.ticks):
@@ -170,12 +168,12 @@ def _used(scene):
     start = start_of(scene)
     vertex = int(np.flatnonzero(~scene.pins)[0])
     scene.handles.set_pin(vertex, True)
-    scene.advance(1 / 30)
+    scene.clock.advance(1 / 30)
     scene.handles.set_pin(vertex, False)
     scene.settings.grab_radius = 0.2
     scene.handles.grab(int(scene.handles.control_ids[0]))
     for _ in range(3):
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
         scene.handles.drag_to(scene.handles.grabbed.target.place + 0.01)
     scene.handles.release()
     scene.paint(np.full(3, 0.5), 1.2)

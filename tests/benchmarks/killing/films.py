@@ -48,7 +48,7 @@ class SessionFilm(Film):
         scene.set_ground(True)
         path = self.inputs / "session.jsonl"
         for _ in range(TICKS):
-            scene.advance(1.0 / 60.0)
+            scene.clock.advance(1.0 / 60.0)
         save_session(scene, start, path)
         self.shown = "--session", path
 

@@ -293,7 +293,7 @@ model, out = map(Path, sys.argv[1:])
 field = modelfile.load(model)
 scene = Scene(field, "ball", "cpu")
 start = start_of(scene)
-scene.advance(0.1)
+scene.clock.advance(0.1)
 session = save_session(scene, start, out / "s.jsonl")
 arguments = ["--size", "48x32", "--fps", "15", "--samples", "1", "--hide-handles"]
 arguments += ["--session", str(session), "--device", "cpu", "-o", str(out / "f.mp4")]

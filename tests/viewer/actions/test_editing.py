@@ -62,7 +62,7 @@ def test_undo_in_the_middle_of_a_drag_lets_go(controls, scene, app_like):
     vertex = int(scene.handles.control_ids[0])
     controls.grab(vertex)
     scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.0]))
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     assert scene.handles.grabbed is not None
     ACTIONS["undo"](app_like)
     assert scene.handles.grabbed is None and controls.mode == ""
@@ -73,7 +73,7 @@ def test_undo_in_the_middle_of_a_drag_takes_back_the_drag_alone(controls, scene,
     scene.set_ground(True)
     for _ in range(2):
         controls.grab(int(scene.handles.control_ids[0]))
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
         ACTIONS["undo"](app_like)
         assert scene.handles.grabbed is None and app_like.said[-1] == "undone: drag"
         assert scene.on_ground and scene.journal.undoes == "ground"
@@ -95,7 +95,7 @@ def test_the_camera_looks_along_an_axis(app_like, controls, action, towards):
 def test_a_drag_while_paused_says_why_nothing_moves(controls, scene, mode, told):
     said = []
     controls.told.say = said.append
-    scene.settings.hand, scene.paused = mode, True
+    scene.settings.hand, scene.clock.paused = mode, True
     controls.grab(int(scene.handles.control_ids[0]))
     assert said == told
 

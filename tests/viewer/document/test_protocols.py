@@ -9,10 +9,11 @@ from deformrf.viewer.document import Scene
 from deformrf.viewer.document.history.undo import Undoable
 from deformrf.viewer.document.rigging.posing import MovedByBones
 from deformrf.viewer.document.rigging.rigging import Rigged
+from deformrf.viewer.document.scene.clock import Timed
 from deformrf.viewer.document.scene.cuts import Cuttable
 from deformrf.viewer.document.scene.handles import Grabbable
 from deformrf.viewer.document.scene.viewpoint import Viewed
-from deformrf.viewer.document.sessions.session import OpenObject
+from deformrf.viewer.document.sessions.session import Beginning, OpenObject
 from deformrf.viewer.document.timeline.timeline import Keyed
 from deformrf.viewer.layers.bone_layer import WithBones
 from deformrf.viewer.layers.ground_plane import OnGround
@@ -20,7 +21,10 @@ from deformrf.viewer.layers.handle_layer import WithSpheres
 from deformrf.viewer.layers.mesh_layer import WithMesh
 from deformrf.viewer.layers.radiance_layer import WithRadiance
 
-OF_THE_DOCUMENT = Undoable, MovedByBones, Rigged, Cuttable, Grabbable, Viewed, OpenObject, Keyed
+OF_THE_DOCUMENT = (
+    *(Undoable, MovedByBones, Rigged, Cuttable, Grabbable, Viewed, Timed, Keyed),
+    *(Beginning, OpenObject),
+)
 OF_LAYERS = WithBones, OnGround, WithSpheres, WithMesh, WithRadiance
 
 

@@ -62,7 +62,7 @@ def test_a_soft_clip_is_on_its_way_when_the_film_begins(dancer):
     film = Film(scene, session, 30)
     film.cut(begin, None)
     film.show(0)
-    assert scene.posing.playing and not scene.paused
+    assert scene.posing.playing and not scene.clock.paused
     assert abs(scene.positions - dancer.mesh.rest_vertices).max() > 1e-3
 
 

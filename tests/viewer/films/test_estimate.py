@@ -18,17 +18,17 @@ def session(ball, tmp_path):
     """A session of a drag, after which the camera moves on a timeline of two keys."""
     scene = Scene(ball, "ball", "cpu")
     start = start_of(scene)
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     scene.handles.grab(int(scene.handles.control_ids[0]))
     for _ in range(20):
         scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.01]))
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     scene.handles.release()
     scene.timeline.key(0, asdict(scene.orbit), False)
     scene.orbit = orbits.turned(scene.orbit, 40.0, 5.0, 64)
     scene.timeline.key(30, asdict(scene.orbit), False)
     for _ in range(40):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     path = save_session(scene, start, tmp_path / "s.jsonl")
     return load_session(path, ball)
 

@@ -179,12 +179,12 @@ def recorded(ball, tmp_path):
     scene = Scene(ball, "ball", "cpu")
     scene.settings.grab_radius, scene.settings.show_handles = 0.3, False
     start, vertex = start_of(scene), int(scene.handles.control_ids[0])
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     scene.handles.grab(vertex)
     for _ in range(20):
         scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.01]))
         scene.orbit = orbits.turned(scene.orbit, 2.0, 0.5, 64)
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
     return scene, save_session(scene, start, tmp_path / "s.jsonl")
 
 
@@ -309,7 +309,7 @@ def test_strain_with_its_legend_and_the_ground_are_in_a_film(ball, ball_file, tm
     start = start_of(scene)
     scene.set_ground(True)
     scene.settings.mesh_surface, scene.settings.mesh_opacity = "strain", 1.0
-    scene.advance(0.05)
+    scene.clock.advance(0.05)
     path = save_session(scene, start, tmp_path / "s.jsonl")
     arguments = "--session", path, "--size", "160x120", "--fps", "20", "-o", tmp_path / "film"
     done = rendered(ball_file, *arguments)

@@ -34,7 +34,7 @@ def test_the_last_pose_of_a_session_is_the_pose(scene, ball, tmp_path):
     place = scene.handles.grabbed.target.place
     for tick in range(10):
         scene.handles.drag_to(np.add(place, [0.0, 0.0, 0.01 * tick]))
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     other = Scene(ball, "ball", "cpu")
     strike(other, save_session(scene, start, tmp_path / "s.jsonl"))
     assert np.array_equal(other.positions, scene.positions)

@@ -67,7 +67,7 @@ def taken(app):
             scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.01]))
         if tick == 50:
             press(app)
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     app.takes.choices = FilmChoices("film", "as the window", 15, 1, what="take")
     return app
 
@@ -175,7 +175,7 @@ def test_a_take_ends_with_the_scene_it_was_of(app):
     app.scene.journal.clear()
     frames(app)
     assert app.takes.recording  # from tick 0 on
-    app.scene.advance(0.1)
+    app.scene.clock.advance(0.1)
     press(app)
     press(app)
     app.scene.journal.clear()  # as a session that is opened does
@@ -186,7 +186,7 @@ def test_a_take_ends_with_the_scene_it_was_of(app):
 def test_without_a_take_all_of_the_session_is_offered(app):
     from pyglet.window import key
 
-    app.scene.advance(0.1)
+    app.scene.clock.advance(0.1)
     press(app, key.MOD_CTRL)
     assert app.takes.asking and app.takes.choices.what == "all"
     assert app.takes.film_seconds("all") == app.scene.journal.tick / 60
@@ -286,7 +286,7 @@ def test_a_turn_shows_the_object_as_it_is_now(taken, tmp_path, capfd):
     scene.handles.grab(int(scene.handles.control_ids[0]))
     for _ in range(20):
         scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.0, 0.0, 0.02]))
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     scene.orbit = orbits.turned(scene.orbit, 30.0, 3.0, 64)
     takes.choices = FilmChoices(
         "turn", "as the window", 15, 1, format="PNG files", what="turntable", turn_seconds=1.0

@@ -50,8 +50,7 @@ class Panel:
             set_ground=self.called("ground"),
             hold=self.called("hold"),
             cuts=SimpleNamespace(some=False),
-            paused=False,
-            moving=False,
+            clock=SimpleNamespace(paused=False, moving=False),
             held=True,
             handles=SimpleNamespace(grabbed=None, hover=None, selected=[]),
         )
@@ -90,7 +89,15 @@ class Panel:
         self.gui.begin()
         imgui.begin("panel")
         scene, gizmo = self.scene, SimpleNamespace(tool=SimpleNamespace(gizmo=None))
-        parts = scene, scene.body, scene.cuts, scene.handles, scene.settings
+        parts = (
+            scene,
+            scene.clock,
+            scene.solver,
+            scene.body,
+            scene.cuts,
+            scene.handles,
+            scene.settings,
+        )
         bend.bend_panel(*parts, gizmo, self.gui, self.times, self.actions)
         imgui.end()
         self.gui.end()
@@ -145,10 +152,10 @@ def test_it_is_said_which_poisson_ratio_is_held(panel):
 
 def test_a_rescue_and_its_failure_are_said(panel):
     rescue = panel.scene.solver.rescue
-    rescue.running, rescue.given_up, panel.scene.moving = True, True, True
+    rescue.running, rescue.given_up, panel.scene.clock.moving = True, True, True
     panel.frame()
     assert "rescuing ..." in panel.dim
-    rescue.running, panel.scene.moving = False, False
+    rescue.running, panel.scene.clock.moving = False, False
     panel.frame()
     assert "tangled: take Original shape" in panel.dim
 

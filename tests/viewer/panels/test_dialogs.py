@@ -123,7 +123,7 @@ def test_no_click_reaches_the_scene_or_the_panels_behind(asked, what, places):
     send(asked, "on_mouse_scroll", *at, 0, 3)
     click(asked, places["Pause"])
     assert scene.orbit is orbit and not asked.controls.mode and len(scene.journal.steps) == tick
-    assert not scene.paused and asked.gui.has_keyboard
+    assert not scene.clock.paused and asked.gui.has_keyboard
 
 
 def test_what_was_held_is_let_go_though_a_dialog_came(app):
@@ -177,7 +177,7 @@ def test_a_path_is_typed_again_after_an_error(app, ball_file):
         assert app.questions.dialog is not None and app.questions.dialog.problem
         frames(app)
         assert app.gui._io.want_text_input
-    assert not app.scene.journal.steps and not app.scene.paused
+    assert not app.scene.journal.steps and not app.scene.clock.paused
     before = app.scene
     send(app, "on_text", ball_file.name)
     frames(app)
@@ -193,7 +193,7 @@ def test_keys_are_shortcuts_again_as_soon_as_the_dialog_is_gone(app, tmp_path):
     frames(app, 3)
     send(app, "on_key_press", key.ESCAPE, 0)
     send(app, "on_key_press", key.SPACE, 0)  # before any frame
-    assert app.questions.dialog is None and app.scene.paused
+    assert app.questions.dialog is None and app.scene.clock.paused
 
 
 def test_enter_twice_replaces_a_file_though_frames_are_slow(app, tmp_path):

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.gl
 def lines(count, cursor):
     from deformrf.viewer.panels.history import shown_steps
 
-    journal = Journal(dict, lambda state: None)
+    journal = Journal(None)
     journal.steps = [Step(f"step {n}", n, {}) for n in range(count)]
     journal.cursor = cursor
     return shown_steps(journal)

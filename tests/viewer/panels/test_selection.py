@@ -78,7 +78,7 @@ def test_a_selection_is_dragged_as_one(controls, scene):
     press = pixel_of(controls, a)
     controls.press(press, "left")
     controls.drag(press + np.array([20.0, 10.0]), 20, 10)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     moved = scene.handles.at([a, b]) - before
     assert moved[0] == pytest.approx(moved[1], abs=1e-6) and np.linalg.norm(moved[0]) > 0.02
     controls.release("left")
@@ -169,7 +169,7 @@ def test_what_is_held_turns_with_the_mouse_around_its_center(controls, scene):
     controls.drag(press, -4, 0)
     quarter = middle + rotation_2d(0.5) @ (controls.pointer - middle)
     controls.drag(quarter, 1, 1)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     after = scene.handles.at([a, b])
     assert after.mean(axis=0) == pytest.approx(center, abs=1e-5)
     turn = rotation_matrix(scene.handles.grabbed.reached.rotation)
@@ -191,7 +191,7 @@ def test_what_is_held_is_scaled_about_its_center(controls, scene):
     controls.drag(press + np.array([4.0, 0.0]), 4, 0)
     scene.handles.drag_to(before[0])
     scene.handles.turn_to([0.0, 0.0, 0.0], 0.5)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     after = scene.handles.at([a, b])
     np.testing.assert_allclose(after[1] - after[0], 0.5 * (before[1] - before[0]), atol=1e-5)
     assert after.mean(axis=0) == pytest.approx(before.mean(axis=0), abs=1e-5)
@@ -203,12 +203,12 @@ def test_the_wheel_takes_more_or_less_along_during_a_drag(controls, scene):
     press = pixel_of(controls, vertex)
     controls.press(press, "left")
     controls.drag(press + np.array([20.0, 0.0]), 20, 0)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     count, distance = len(scene.handles.grabbed.ids), scene.orbit.distance
     place = scene.handles.at([vertex])[0]
     controls.scroll(press, 6)
     assert len(scene.handles.grabbed.ids) > count and scene.orbit.distance == distance
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     np.testing.assert_allclose(scene.handles.at([vertex])[0], place, atol=1e-5)  # no jerk
     controls.scroll(press, -12)
     assert scene.handles.grabbed.radius < 0.1 * scene.size

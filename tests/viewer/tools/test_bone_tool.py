@@ -34,7 +34,7 @@ def drag(controls, start, way, steps=4):
     controls.press(start, "left")
     for k in range(1, steps + 1):
         controls.drag(start + np.multiply(way, k / steps), *np.divide(way, steps))
-        controls.scene.advance(1 / 60)
+        controls.scene.clock.advance(1 / 60)
 
 
 @pytest.fixture
@@ -159,7 +159,7 @@ def test_x_turns_about_x_alone_and_e_goes_from_reaching_to_turning(controls, sce
     controls.along(0)
     before = scene.posing.ends[1].copy()
     controls.drag(np.add(start, [40.0, 20.0]), 35, 20)
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     way = scene.posing.ends[1] - before
     assert np.linalg.norm(way[1]) > 0.02
     assert way[:, 0] == pytest.approx([0.0, 0.0], abs=1e-9)

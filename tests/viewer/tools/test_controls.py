@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from displaced import displacements
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import Scene
-from deformrf.viewer.events import displacements
 from deformrf.viewer.tools import ALT, CTRL
 from deformrf.viewer.tools.bend import STAYS
 from deformrf.viewer.tools.brushes import PAUSED_BALL
@@ -47,7 +47,7 @@ def test_a_dragged_vertex_stays_under_the_mouse(controls, scene):
     controls.press(press, "left")
     controls.drag(press + np.array([30.0, -20.0]), 30, -20)
     assert controls.mode == "grab"
-    scene.advance(1 / 30)
+    scene.clock.advance(1 / 30)
     assert pixel_of(controls, vertex) == pytest.approx(press + np.array([28.0, -19.0]), abs=0.01)
     forward = controls.camera.forward
     moved = scene.handles.at([vertex]) - scene.handles.at([vertex], scene.field.mesh.rest_vertices)
@@ -58,11 +58,11 @@ def test_released_the_object_goes_back(controls, scene, events):
     press = pixel_of(controls, front_vertex(controls))
     controls.press(press, "left")
     controls.drag(press + np.array([20.0, 0.0]), 20, 0)
-    scene.advance(1 / 30)
+    scene.clock.advance(1 / 30)
     controls.release("left")
     assert (controls.mode, scene.handles.grabbed) == ("", None)
     for _ in range(300):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     assert displacements(scene).max() < 0.01
     assert [name for name, _ in events] == ["grab", "release"]
 
@@ -81,7 +81,7 @@ def test_a_drag_on_the_object_takes_it_there(controls, scene, monkeypatch, key, 
     assert scene.handles.grabbed is None and controls.mode == "orbit"
     controls.drag(pixels[0] + [30.0, 0.0], 30, 0)
     assert (scene.handles.grabbed is None) == orbits == (scene.orbit.yaw != view.yaw)
-    scene.advance(1 / 30)
+    scene.clock.advance(1 / 30)
     if not orbits:
         assert pixel_of(controls, scene.handles.grabbed.handles[0]) == pytest.approx(
             pixels[0] + [30.0, 0.0], abs=0.1
@@ -107,7 +107,7 @@ def test_in_pose_it_stays_a_click_lets_it_go_and_p_pins_it(controls, scene):
         press = pixel_of(controls, vertex)
         controls.press(press, "left")
         controls.drag(press + np.array([20.0, 0.0]), 20, 0)
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
         controls.release("left")
         assert scene.handles.posed == (vertex,) and said.pop() == STAYS
         if pinned:
@@ -125,7 +125,7 @@ def test_pins_do_not_move_with_a_drag(controls, scene):
     press = pixel_of(controls, front_vertex(controls))
     controls.press(press, "left")
     controls.drag(press + np.array([30.0, 0.0]), 30, 0)
-    scene.advance(1 / 30)
+    scene.clock.advance(1 / 30)
     assert displacements(scene)[scene.pins].max() < 1e-6
     assert displacements(scene)[~scene.pins].max() > 0.05
 
@@ -234,7 +234,7 @@ def test_cancel_puts_everything_back(controls, scene):
     press = pixel_of(controls, front_vertex(controls))
     controls.press(press, "left")
     controls.drag(press + np.array([40.0, 10.0]), 40, 10)
-    scene.advance(1 / 30)
+    scene.clock.advance(1 / 30)
     controls.cancel()
     assert scene.positions == pytest.approx(before)
     controls.drag(press, 1, 1)  # the button is still down
@@ -266,7 +266,7 @@ def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
     side, _, forward = controls.camera.camera_to_world[:3, :3].T
     for _ in range(20):
         controls.drag(pixel + np.array([60.0, 0.0]), 0, 0)
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     moved = scene.ball.reached - start
     assert moved @ side > 0.05 and abs(moved @ forward) < 1e-6
     inside = np.linalg.norm(scene.positions - scene.ball.reached, axis=1) < 0.99 * scene.ball.radius
@@ -285,10 +285,10 @@ def test_a_ball_says_why_it_waits_or_lets_time_go_on(controls, scene, stands):
         scene.timeline.key(0, None, True)
         scene.timeline.scrub(0)
     else:
-        scene.paused = True
-    assert scene.paused
+        scene.clock.paused = True
+    assert scene.clock.paused
     controls.press(pixel_of(controls, front_vertex(controls)), "left")
-    assert scene.paused != stands and said == ([] if stands else [PAUSED_BALL])
+    assert scene.clock.paused != stands and said == ([] if stands else [PAUSED_BALL])
 
 
 def test_escape_and_reset_take_the_ball_away(controls, scene):

@@ -7,7 +7,6 @@ from deformrf.core.field import SUBTET_COUNT, subtet_middles, unpack_mask
 from deformrf.core.render import Renderer
 from deformrf.viewer.camera import project
 from deformrf.viewer.document import Scene, masks_of
-from deformrf.viewer.document import state_of as whole_state
 from deformrf.viewer.document.history.undo import _same
 from deformrf.viewer.tools import CTRL, SHIFT
 from deformrf.viewer.tools import deleting as d
@@ -15,7 +14,7 @@ from deformrf.viewer.tools import deleting as d
 
 def state_of(scene):
     """The scene's state; whether the solver sleeps is known again some steps after an undo."""
-    return whole_state(scene) | {"asleep": None}
+    return scene.states.now() | {"asleep": None}
 
 
 @pytest.fixture
@@ -93,7 +92,7 @@ def test_a_click_of_the_brush_takes_one_layer_and_shows_it_before_the_button_is_
 def test_with_shift_the_brush_takes_all_through_along_the_whole_way_of_a_drag(controls, scene):
     scene.settings.tool, scene.settings.brush_radius = "delete", 10.0
     start = middle_of(scene, controls) - np.array([40.0, 0.0])
-    end = start + np.array([80.0, 0.0])
+    end, before = start + np.array([80.0, 0.0]), state_of(scene)
     controls.press(start, "left", SHIFT)
     controls.drag(end, 80, 0)  # in one jump
     controls.release("left")
@@ -101,7 +100,6 @@ def test_with_shift_the_brush_takes_all_through_along_the_whole_way_of_a_drag(co
     on_way = (abs(pixels[:, 1] - start[1]) < 9.9) & (pixels[:, 0] > start[0])
     assert not (on_way & (pixels[:, 0] < end[0])).any()
     assert len(scene.journal.steps) == 1
-    before = scene.first_state | {"asleep": None}
     scene.undo()
     assert _same(before, state_of(scene))
 

@@ -64,7 +64,7 @@ def drag_part(controls, name, way, steps=3):
     assert controls.mode == "gizmo" and controls.scene.handles.grabbed is None
     for k in range(1, steps + 1):
         controls.drag(start + np.multiply(way, k / steps), *np.divide(way, steps))
-        controls.scene.advance(TIME_STEP)
+        controls.scene.clock.advance(TIME_STEP)
     return start
 
 
@@ -187,7 +187,7 @@ def test_a_free_drag_goes_with_the_mouse_until_it_ends(controls, scene, ending):
     assert controls.free and scene.handles.grabbed.handles == ids
     np.testing.assert_array_equal(scene.handles.grabbed.target.place, before[0])  # no jump
     controls.motion((120.0, 90.0))
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     pixels, _ = project(controls.camera, np.stack([scene.handles.at(ids), before]).mean(axis=1))
     assert pixels[0] - pixels[1] == pytest.approx([20.0, -10.0], abs=0.5)
     if ending == "click":
@@ -224,12 +224,12 @@ def test_a_number_says_how_far_and_the_mouse_no_longer(controls, scene):
     controls.along(2)
     type_in(controls, "0.1x5")
     controls.motion((10.0, 10.0))
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     way = scene.handles.at(ids) - before
     np.testing.assert_allclose(way, np.tile([0.0, 0.0, 0.15 * scene.size], (3, 1)), atol=1e-5)
     assert controls.held_drag.line == "move along z: 0.15_ of the size"
     type_in(controls, "-")
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     assert (scene.handles.at(ids) - before)[0, 2] == pytest.approx(-0.15 * scene.size, abs=1e-5)
     controls.turn_into("turn")
     type_in(controls, "90")
@@ -330,7 +330,7 @@ def test_a_root_is_moved_with_all_that_hangs_on_it(controls, scene, chain, ball,
         (head,), _ = project(controls.camera, before[:1, 0])
         controls.press(head, "left")
         controls.drag(head + np.array([20.0, 0.0]), 20, 0)
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
         controls.release("left")
     else:
         controls.turn_into("move")
@@ -418,14 +418,14 @@ def test_a_number_of_the_panel_is_applied_at_once_as_one_step(controls, scene, o
     ids = select(controls)
     before = scene.handles.at(ids)
     controls.apply(" 0.1 ", 2)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     controls.end_if_there()
     assert not controls.mode and set(scene.handles.posed) == set(ids)
     way = np.tile([0.0, 0.0, 0.1 * scene.size], (3, 1))
     np.testing.assert_allclose(scene.handles.at(ids) - before, way, atol=1e-5)
     assert [step.label for step in scene.journal.steps] == ["drag"]
     controls.apply("1e300", 0)  # as far as a drag goes
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     assert np.isfinite(scene.handles.at(ids)).all()
     controls.cancel()
     assert not controls.finishes
@@ -474,7 +474,7 @@ def test_what_comes_behind_the_eye_in_a_drag_stays_finite(controls, scene, chain
     look_away(scene)
     for way in (30.0, -50.0):
         controls.on_mouse_motion(int(150 + way), 100, int(way), 0)
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     controls.finish()
     assert not controls.mode and np.isfinite(scene.positions).all()
 

@@ -133,16 +133,14 @@ def _is_finite(value):
 class Journal:
     """The edits of one scene, and what can be undone."""
 
-    def __init__(self, state_of, restore, is_nothing=lambda before: False):
-        """Take functions that return the scene's state, that restore one, and that say whether
-        an edit has changed nothing since a state.
-        """
+    def __init__(self, states):
+        """Take the scene's States."""
         self.tick = 0  # that have passed
         self.events: list[Event] = []
         self.inside = False  # an edit: what it calls belongs to it
         self.steps: list[Step] = []
         self.cursor = 0  # steps before it can be undone, the others done again
-        self._state_of, self._restore, self._is_nothing = state_of, restore, is_nothing
+        self._states = states
         self._view = {}  # that was noted last
         self._oldest: Step | None = None  # the last one that was forgotten, before all steps
         self._saved: object = None  # the step whose result is saved; None: the state before all
@@ -150,10 +148,10 @@ class Journal:
     @contextmanager
     def editing(self, name, arguments, label, merges, begins):
         """Record an edit, unless it raises, and what it calls not at all."""
-        before = self._state_of() if label and not self._merge(label, merges) else None
+        before = self._states.now() if label and not self._merge(label, merges) else None
         with self.unrecorded():
             yield
-        if before is not None and (begins or not self._is_nothing(before)):
+        if before is not None and (begins or not self._states.is_still(before)):
             del self.steps[self.cursor :]
             self.steps.append(Step(label, self.tick, before, merges))
             while len(self.steps) > FEWEST_STEPS and self._size() > MOST_BYTES:
@@ -270,8 +268,8 @@ class Journal:
             return False
         self.cursor -= 1
         step = self.steps[self.cursor]
-        step.after = self._state_of()
-        self._restore(step.before)
+        step.after = self._states.now()
+        self._states.restore(step.before)
         return True
 
     def redo(self) -> bool:
@@ -281,5 +279,5 @@ class Journal:
         step = self.steps[self.cursor]
         self.cursor += 1
         step.merges = False  # any more
-        self._restore(step.after)
+        self._states.restore(step.after)
         return True

@@ -16,6 +16,12 @@ class Restorable(Protocol):
     def restore(self, state: dict) -> None: ...
 
 
+class Pausable(Protocol):
+    """A clock."""
+
+    paused: bool
+
+
 class Undoable(Protocol):
     """A scene whose edits can be undone."""
 
@@ -32,41 +38,93 @@ class Undoable(Protocol):
     floor: float
     orbit: Any
     settings: Any
-    paused: bool
+    clock: Pausable
     revision: int
-    first_state: dict
     journal: Journal
 
     def let_loose(self) -> None: ...
 
 
-def state_of(scene: Undoable) -> dict:
-    """Positions, pins, material and surroundings."""
-    solver = scene.solver
-    return {
-        "body": scene.body.state(),
-        "cuts": scene.cuts.state(),
-        "viewpoint": scene.viewpoint.state(),
-        "handles": scene.handles.state(),
-        "timeline": scene.timeline.state(),
-        "rigging": scene.rigging.state(),
-        "posing": scene.posing.state(),
-        "pinned": scene.pinned,
-        "vertices": solver.vertices.numpy().copy(),
-        "velocities": solver.velocities.numpy().copy(),
-        "asleep": solver.settled,
-        "rest_lengths": solver.rest_lengths.astype(np.float32),
-    }
+class States:
+    """The states of one scene: what it is now, and the way back to what it was."""
 
+    def __init__(self, whole: Undoable):
+        self._whole = whole
+        self._first = self.now()
 
-def is_nothing(scene: Undoable, before: dict) -> bool:
-    """Whether an edit has changed nothing since a state; a body that it woke sleeps again."""
-    now = state_of(scene) | {"asleep": before["asleep"]}
-    if not _same(before, now):
-        return False
-    if before["asleep"] and not scene.solver.settled:
-        scene.solver.fall_asleep()
-    return True
+    def now(self) -> dict:
+        """Positions, pins, material and surroundings."""
+        whole, solver = self._whole, self._whole.solver
+        return {
+            "body": whole.body.state(),
+            "cuts": whole.cuts.state(),
+            "viewpoint": whole.viewpoint.state(),
+            "handles": whole.handles.state(),
+            "timeline": whole.timeline.state(),
+            "rigging": whole.rigging.state(),
+            "posing": whole.posing.state(),
+            "pinned": whole.pinned,
+            "vertices": solver.vertices.numpy().copy(),
+            "velocities": solver.velocities.numpy().copy(),
+            "asleep": solver.settled,
+            "rest_lengths": solver.rest_lengths.astype(np.float32),
+        }
+
+    def is_still(self, before: dict) -> bool:
+        """Whether an edit has changed nothing since a state; a body that it woke sleeps again."""
+        if not _same(before, self.now() | {"asleep": before["asleep"]}):
+            return False
+        if before["asleep"] and not self._whole.solver.settled:
+            self._whole.solver.fall_asleep()
+        return True
+
+    def restore(self, state: dict) -> None:
+        """Return to a state; nothing is held afterwards."""
+        whole = self._whole
+        whole.let_loose()
+        whole.rigging.restore(state["rigging"])
+        whole.timeline.restore(state["timeline"])
+        whole.cuts.restore(state["cuts"])
+        whole.body.restore(state["body"])
+        whole.viewpoint.restore(state["viewpoint"])
+        whole.solver.set_pinned(state["pinned"])
+        whole.handles.restore(state["handles"])
+        solver = whole.solver
+        solver.set_state(state["vertices"], state["velocities"])
+        if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
+            solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
+        whole.posing.restore(state["posing"])
+        if state["asleep"]:  # awake, even a body at rest moves by roundings
+            solver.fall_asleep()
+        whole.revision += 1
+
+    def begin_anew(self) -> None:
+        """Return to the state of the first frame, without a past."""
+        whole = self._whole
+        hand = whole.settings.hand
+        self.restore(self._first)
+        whole.settings.hand = hand  # a preference
+        whole.clock.paused = False
+        whole.solver.reset()  # it sleeps
+        whole.journal.clear()
+
+    @contextmanager
+    def unless_it_fails(self):
+        """In the block, the scene is brought elsewhere; if that raises, it is as before."""
+        whole, journal = self._whole, self._whole.journal
+        state, floor, pins, paused = self.now(), whole.floor, whole.pins, whole.clock.paused
+        view, settings = whole.orbit, dict(vars(whole.settings))
+        past = vars(journal) | {"events": list(journal.events), "steps": list(journal.steps)}
+        try:
+            yield
+        except BaseException:
+            self.restore(state)
+            whole.floor, whole.pins, whole.orbit = floor, pins, view
+            vars(whole.settings).update(settings)
+            if whole.clock.paused != paused:
+                whole.clock.paused = paused
+            vars(journal).update(past)
+            raise
 
 
 def _same(one, other):
@@ -83,52 +141,3 @@ def _same(one, other):
         return bool(one == other)
     except ValueError:  # dataclasses of arrays
         return False
-
-
-def restore(scene: Undoable, state: dict) -> None:
-    """Return to a state; nothing is held afterwards."""
-    scene.let_loose()
-    scene.rigging.restore(state["rigging"])
-    scene.timeline.restore(state["timeline"])
-    scene.cuts.restore(state["cuts"])
-    solver = scene.solver
-    scene.body.restore(state["body"])
-    scene.viewpoint.restore(state["viewpoint"])
-    solver.set_pinned(state["pinned"])
-    scene.handles.restore(state["handles"])
-    solver.set_state(state["vertices"], state["velocities"])
-    if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
-        solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
-    scene.posing.restore(state["posing"])
-    if state["asleep"]:  # awake, even a body at rest moves by roundings
-        solver.fall_asleep()
-    scene.revision += 1
-
-
-def begin_anew(scene: Undoable) -> None:
-    """Return to the state of the first frame, without a past."""
-    hand = scene.settings.hand
-    restore(scene, scene.first_state)
-    scene.settings.hand = hand  # a preference
-    scene.paused = False
-    scene.solver.reset()  # it sleeps
-    scene.journal.clear()
-
-
-@contextmanager
-def unless_it_fails(scene: Undoable):
-    """In the block, the scene is brought elsewhere; if that raises, it is as it was before."""
-    journal = scene.journal
-    state, floor, pins, paused = state_of(scene), scene.floor, scene.pins, scene.paused
-    view, settings = scene.orbit, dict(vars(scene.settings))
-    past = vars(journal) | {"events": list(journal.events), "steps": list(journal.steps)}
-    try:
-        yield
-    except BaseException:
-        restore(scene, state)
-        scene.floor, scene.pins, scene.orbit = floor, pins, view
-        vars(scene.settings).update(settings)
-        if scene.paused != paused:
-            scene.paused = paused
-        vars(journal).update(past)
-        raise

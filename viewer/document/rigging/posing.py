@@ -26,6 +26,7 @@ from ....wings.rig import (
     posed,
 )
 from ..history.journal import edit
+from ..history.undo import Pausable
 from .hold import Solved
 from .rigging import Rigging
 
@@ -50,7 +51,7 @@ class MovedByBones(Solved, Protocol):
 
     field: TetField
     grip: BoneGrip
-    paused: bool
+    clock: Pausable
     revision: int
 
     def make_way(self, soft: bool) -> None: ...
@@ -262,7 +263,7 @@ class Posing:
         Args:
             seen: Whether the pose after the tick is looked at.
         """
-        if not self.playing or (self.soft and self._moved.paused):
+        if not self.playing or (self.soft and self._moved.clock.paused):
             return False
         after = self.seconds + self.speed * TIME_STEP
         if self._fades is not None:

@@ -154,6 +154,10 @@ class Ball:
     target: np.ndarray  # of its center  [3]
     reached: np.ndarray  # its center after the steps so far  [3]
 
+    @property
+    def on_its_way(self) -> bool:
+        return bool((self.target != self.reached).any())
+
 
 def soft_springs(solver, centers, ids, radius):
     """The vertices that a soft grab pulls, and their springs.

@@ -1,31 +1,28 @@
 """The object in the view, without OpenGL: its pose, pins, and the user's drag.
 
-The solver always steps by 1/60 s, since another length would make it compute its coefficients
-anew; a frame takes as many steps as fit in it.  Positions are model space, V vertices.
+Positions are model space, V vertices.
 """
-
-from functools import partial
 
 import numpy as np
 import warp as wp
 
-from ....core.deform import TIME_STEP, Sphere, falloff, lowest_pins, vertices_within
+from ....core.deform import Sphere, falloff, lowest_pins, vertices_within
 from ...camera import values_of
 from ...settings import CPU_TARGET_FPS, SHOWN, Settings
 from ..history.journal import Journal, edit
-from ..history.undo import is_nothing, restore, state_of
+from ..history.undo import States
 from ..rigging.hold import Hold
 from ..rigging.posing import Posing
 from ..rigging.rigging import Rigging, rig_of
 from ..timeline.timeline import Timeline
 from .body import Body, stored_size
+from .clock import Clock
 from .cuts import LOWEST_PART, Cuts
 from .grabs import Ball
 from .handles import Handles
 from .surface import bounds, nearest_vertices, of_the_object, stands
 from .viewpoint import Viewpoint
 
-MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 SMALLEST_BALL = 0.02  # object sizes
 HANDLE_RADIUS = 0.0135  # of its size
@@ -78,18 +75,16 @@ class Scene:
         points = self._surface[chosen if chosen.any() else slice(None)]
         self.handles = Handles(self, points)
         self.ball: Ball | None = None
-        self._paused = self._settling = False
         self.revision = 0  # counts the changes of the pose
-        self._time = 0.0  # s that frames have lasted and no step has covered
         self._seen = None  # the revision, and its vertices: a copy on the device
         self._host = None  # the same on the host, once they are wanted  [V, 3]
         self.viewpoint = Viewpoint(self)
-        self.timeline = Timeline(self)
-        self.journal = Journal(*(partial(act, self) for act in (state_of, restore, is_nothing)))
-        owners = self.body, self.cuts, self.handles, self.viewpoint, self.timeline
+        self.timeline, self.clock = Timeline(self), Clock(self)
+        self.states = States(self)
+        self.journal = Journal(self.states)
+        owners = self.body, self.cuts, self.handles, self.viewpoint, self.timeline, self.clock
         for owner in (*owners, self.rigging, self.posing):
             owner.journal = self.journal
-        self.first_state = state_of(self)
 
     # -- pose ----------------------------------------------------------------------------
 
@@ -141,82 +136,6 @@ class Scene:
     def orbit(self, orbit):
         self.viewpoint.orbit = orbit
 
-    @property
-    def moving(self) -> bool:
-        """Whether time, or a hand while it is stopped, changes the pose."""
-        return self.timeline.playing or self.posing.playing or self._steps or self._settles
-
-    @property
-    def waits(self) -> bool:
-        """Whether a step would wait seconds for what it needs, which a thread works out."""
-        steps = self._steps or self._settles
-        moved = self.timeline.playing or self.posing.playing or not steps
-        if moved or self.solver.ready:
-            return False
-        self.solver.edges.sheet_ratios.begin()
-        return True
-
-    @property
-    def _steps(self):
-        return not self.paused and not (self.solver.settled and not self._pushes)
-
-    @property
-    def _settles(self):
-        """Whether a hand poses the object while time is stopped, or has and it isn't still yet."""
-        poses = self.paused and self.settings.hand == "pose" and not self.solver.settled
-        return poses and (self._settling or self.handles.grabbed is not None)
-
-    @property
-    def _pushes(self):
-        """Whether the ball is on its way."""
-        return self.ball is not None and bool((self.ball.target != self.ball.reached).any())
-
-    def advance(self, seconds: float) -> None:
-        """Let time pass; the object moves unless it rests or is paused."""
-        self.note_view()
-        self.body.adapt_substeps()
-        self._time += seconds
-        count = min(round(self._time / TIME_STEP), MAX_STEPS)
-        self._time = min(self._time - count * TIME_STEP, TIME_STEP)
-        ball = self.ball
-        self._settling = self._settles
-        if self.paused:
-            self.posing.follow()
-            self._find_equilibrium(count)
-        for remaining in range(count, 0, -1):  # each tick takes its share of the way
-            if not self.paused:
-                self.handles.follow(1.0 / remaining)
-                self.posing.follow(1.0 / remaining)
-            if self._pushes and not self.paused:
-                self._move_ball(ball.reached + (ball.target - ball.reached) / remaining)
-            self.tick(seen=remaining == 1)
-        self.look()
-
-    def _find_equilibrium(self, count):
-        """While time is stopped, what a hand poses takes the rest along."""
-        if count and self._settling:
-            self.handles.follow()
-            self._settle(count)
-
-    @edit("settle")
-    def _settle(self, count):
-        """Go on to the equilibrium by so many steps, each from standing still."""
-        for _ in range(count):
-            self.solver.step(TIME_STEP)
-            self.solver.velocities.zero_()
-
-    def tick(self, seen: bool = True) -> None:
-        """Let a tick pass: a step, if the object moves and isn't moved by timeline or clip.
-
-        Args:
-            seen: Whether the pose after it is looked at; where it follows from the time alone,
-                it is left out otherwise.
-        """
-        by_timeline, by_clip = self.timeline.advance(), self.posing.advance(seen)
-        if not (by_timeline or by_clip) and self._steps:
-            self.solver.step(TIME_STEP)
-        self.journal.tick += 1
-
     def note_view(self) -> None:
         """Let the journal know how the object is shown, and of a camera that a hand moves."""
         shown = {name: getattr(self.settings, name) for name in SHOWN}
@@ -231,41 +150,6 @@ class Scene:
                 return
             self.revision += 1
         self._take_pose()
-
-    @property
-    def paused(self) -> bool:
-        """Whether time is stopped."""
-        return self._paused
-
-    @paused.setter
-    def paused(self, paused: bool):
-        self._pause(paused)
-
-    @edit("pause")
-    def _pause(self, on):
-        if self.timeline.shows_poses:  # time stands still already: the playhead does, too
-            self.timeline.stand()
-            return
-        if self.posing.shows:
-            self.posing.stop_clip()
-            return
-        if not on:
-            self.posing.give_way()
-        self._paused = on
-        self.timeline.stands = False
-
-    def single_step(self) -> None:
-        """Pause, and take one step."""
-        self.paused = True
-        self.handles.follow()
-        if self.ball is not None:
-            self._move_ball(self.ball.target)
-        self._single_step()
-        self.look()
-
-    @edit("single_step")
-    def _single_step(self):
-        self.solver.step(TIME_STEP)
 
     @edit("reset", undo="reset")
     def reset(self) -> None:
@@ -311,6 +195,13 @@ class Scene:
         """Send the ball's center to a point [3], which it reaches in the next frame."""
         if np.isfinite(center).all():
             self.ball.target = np.asarray(center, float)
+
+    def follow_ball(self, share: float) -> None:
+        """Move the ball by a share of the way to where it was sent, if that is anywhere."""
+        ball = self.ball
+        if ball is not None and ball.on_its_way:
+            way = ball.target - ball.reached
+            self._move_ball(ball.target if share == 1.0 else ball.reached + share * way)
 
     @edit("move_ball")
     def _move_ball(self, to):

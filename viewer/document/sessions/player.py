@@ -86,7 +86,7 @@ class Player:
         """Let ticks pass as in the viewer, with substeps that adapt; yields the tick after each."""
         while self.scene.journal.tick < tick:
             self.scene.body.adapt_substeps()
-            self.scene.tick()
+            self.scene.clock.tick()
             yield self.scene.journal.tick
 
     def _step(self, tick):
@@ -97,8 +97,8 @@ class Player:
             self._make(self.session.events[self._made - 1])
         elif journal.tick >= tick:
             return False
-        elif scene.moving:
-            scene.tick()
+        elif scene.clock.moving:
+            scene.clock.tick()
         else:  # until the next edit, nothing happens
             journal.tick = tick if following is None else min(tick, following)
         return True

@@ -31,11 +31,12 @@ from ....core.base.paths import BUNDLED, program_version, whole_file
 from ....core.base.reading import open_file
 from ....core.base.schema import integer
 from ....core.base.streams import printable, shown
-from ....core.deform import FIRST_INTEGRATOR, XpbdSolver
+from ....core.deform import FIRST_INTEGRATOR, Material, XpbdSolver
 from ....core.field import TetField
-from ...settings import HANDS
+from ...settings import HANDS, Settings
 from ..history.journal import EDITS, Event, Journal
-from ..scene.scene import Scene  # its methods and those of its objects are the edits
+from ..scene import scene  # noqa: F401  its methods and those of its objects are the edits
+from ..scene.points import ControlPoints
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
 from .session_values import bad_arguments
 
@@ -61,6 +62,32 @@ class OpenObject(Protocol):
     field: TetField
     solver: XpbdSolver
     journal: Journal
+
+
+class WithMaterial(Protocol):
+    """A body."""
+
+    material: Material
+    meters_per_unit: float
+    automatic_substeps: bool
+
+
+class WithPoints(Protocol):
+    """Handles."""
+
+    points: ControlPoints
+
+
+class Beginning(Protocol):
+    """The object with which a session begins."""
+
+    field: TetField
+    solver: XpbdSolver
+    body: WithMaterial
+    handles: WithPoints
+    settings: Settings
+    pins: np.ndarray  # of a held object  [V] bool
+    floor: float
 
 
 @dataclass(frozen=True)
@@ -99,9 +126,9 @@ def rig_hash(arrays: dict) -> str:
     return found.hexdigest()
 
 
-def start_of(scene: Scene) -> dict:
+def start_of(begun: Beginning) -> dict:
     """What a session begins with, so that other defaults change nothing when it is played."""
-    body, options = scene.body, scene.solver.options
+    body, options, field = begun.body, begun.solver.options, begun.field
     material = {name: _finite(value) for name, value in asdict(body.material).items()}
     return material | {
         "meters_per_unit": body.meters_per_unit,
@@ -109,12 +136,12 @@ def start_of(scene: Scene) -> dict:
         "automatic_substeps": body.automatic_substeps,
         "contact": options.contact,
         "integrator": options.integrator,
-        "pins": np.flatnonzero(scene.pins).tolist(),
-        "points": scene.handles.points.rows(),
-        "floor": scene.floor,
-        "hand": scene.settings.hand,
-        "stiffness": None if scene.field.stiffness is None else factor_hash(scene.field.stiffness),
-        "rig": None if scene.field.rig_arrays is None else rig_hash(scene.field.rig_arrays),
+        "pins": np.flatnonzero(begun.pins).tolist(),
+        "points": begun.handles.points.rows(),
+        "floor": begun.floor,
+        "hand": begun.settings.hand,
+        "stiffness": None if field.stiffness is None else factor_hash(field.stiffness),
+        "rig": None if field.rig_arrays is None else rig_hash(field.rig_arrays),
     }
 
 

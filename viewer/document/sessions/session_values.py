@@ -34,9 +34,9 @@ from ...settings import HANDS, MESH_RANGES, SHOWN, SURFACES
 from ..history.journal import EDITS
 from ..rigging.joints import ENDS, LOOSE
 from ..rigging.posing import SPEEDS
+from ..scene.clock import MAX_STEPS
 from ..scene.handles import MOST_ADDED
 from ..scene.points import MOST_POINTS
-from ..scene.scene import MAX_STEPS
 from ..scene.viewpoint import LONGEST_NAME
 from ..timeline.keys import EASINGS
 from ..timeline.keys import LONGEST as LONGEST_KEY

@@ -16,6 +16,7 @@ from ....core.deform import Material
 from ....wings.rig import BonePose, Skeleton
 from ...camera import Orbit, changed, turned_to
 from ..history.journal import edit
+from ..history.undo import Pausable
 from . import keys as k
 from .driving import Driven, Driver
 
@@ -56,7 +57,7 @@ class Keyed(Driven, Protocol):
     """What keys take up, and move."""
 
     pinned: np.ndarray  # [V] bool
-    paused: bool
+    clock: Pausable
     orbit: Orbit
     revision: int
     body: OfMaterial
@@ -100,7 +101,7 @@ class Timeline:
     def _waits(self):
         """Whether it plays by physics while time stands still."""
         by_physics = self.motion == "physics" or self._is_soft
-        return bool(self.keys["pose"]) and by_physics and self._keyed.paused
+        return bool(self.keys["pose"]) and by_physics and self._keyed.clock.paused
 
     @property
     def _is_soft(self):
@@ -234,7 +235,7 @@ class Timeline:
         if self.keys["pose"] and self.motion == "interpolation" and not self._is_soft:
             self.stand()  # the pose stays, when the end is reached
         elif self.keys["pose"]:
-            self._keyed.paused = False
+            self._keyed.clock.paused = False
         self.playing = self.end > 0
 
     @edit("stop")
@@ -263,8 +264,8 @@ class Timeline:
         self._stop_time()
 
     def _stop_time(self):
-        stands = self.stands or not self._keyed.paused
-        self._keyed.paused = True
+        stands = self.stands or not self._keyed.clock.paused
+        self._keyed.clock.paused = True
         self.stands = stands
 
     @property
@@ -277,7 +278,7 @@ class Timeline:
         """A hand takes hold: nothing plays, and time goes on if the timeline stopped it."""
         self._end()
         if self.stands:
-            self._keyed.paused = False
+            self._keyed.clock.paused = False
 
     def advance(self) -> bool:
         """A tick begins.  Returns whether the pose after it is set, so that no step is needed."""
@@ -431,7 +432,7 @@ class Timeline:
         """Return to a state; nothing plays."""
         self._end()
         if self.stands and not state["stands"]:
-            self._keyed.paused = False
+            self._keyed.clock.paused = False
         elif state["stands"]:
             self.stand()
         vars(self).update(state)

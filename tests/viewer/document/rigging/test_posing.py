@@ -48,7 +48,7 @@ def test_the_object_is_where_skinning_puts_it_and_stays(scene, ball):
     assert scene.rigging.rig.offsets is None
     np.testing.assert_allclose(vertices(scene), wanted, atol=1e-5)
     for _ in range(10):
-        scene.advance(0.05)
+        scene.clock.advance(0.05)
     np.testing.assert_allclose(vertices(scene), wanted, atol=1e-5)
 
 
@@ -65,12 +65,12 @@ def test_the_tip_of_two_bones_is_reached_and_drawn_there(scene):
 def test_a_hand_on_a_red_point_takes_over_and_the_object_springs_back(scene):
     turn(scene)
     bent = vertices(scene)
-    assert scene.paused
+    assert scene.clock.paused
     scene.handles.grab(int(scene.handles.control_ids[0]))
-    assert not scene.paused and not scene.posing.drives
+    assert not scene.clock.paused and not scene.posing.drives
     scene.handles.release()
     for _ in range(200):
-        scene.advance(0.05)
+        scene.clock.advance(0.05)
     rest = scene.field.mesh.rest_vertices
     assert abs(vertices(scene) - rest).mean() < 0.7 * abs(bent - rest).mean()  # pins were moved
 
@@ -81,14 +81,14 @@ def test_a_soft_object_lags_behind_its_bones_and_comes(scene):
     scene.reset()
     scene.posing.set_softness(0.8)
     turn(scene)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     driven = scene.grip.bones
     assert 0 < len(driven) < len(wanted)
     np.testing.assert_allclose(vertices(scene)[driven], wanted[driven], atol=1e-5)
     others = np.setdiff1d(np.arange(len(wanted)), driven)
     late = abs(vertices(scene) - wanted)[others].max()
     for _ in range(100):
-        scene.advance(0.05)
+        scene.clock.advance(0.05)
     assert abs(vertices(scene) - wanted)[others].max() < 0.5 * late
 
 
@@ -114,7 +114,7 @@ def test_a_drag_and_soft_bones_act_at_once(scene):
     goal = scene.handles.at([free[0]])[0] + [0.0, 0.0, 0.1]
     scene.handles.drag_to(goal)
     for _ in range(20):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert scene.handles.at([free[0]])[0] == pytest.approx(goal, abs=1e-3)
     assert scene.posing.drives and len(scene.grip.bones)
 
@@ -135,15 +135,15 @@ def test_a_clip_plays_again_and_again_or_once_and_at_its_speed(scene):
     posing.scrub_clip("bend", 0.0)
     posing.play_clip("bend")
     for _ in range(45):
-        scene.tick()
+        scene.clock.tick()
     assert posing.playing and posing.seconds == pytest.approx(0.25)
     posing.set_clip_speed(-2.0)
     for _ in range(3):
-        scene.tick()
+        scene.clock.tick()
     assert posing.seconds == pytest.approx(0.15)
     posing.loop_clip(False)
     for _ in range(10):
-        scene.tick()
+        scene.clock.tick()
     assert not posing.playing and posing.seconds == 0.0
 
 
@@ -159,12 +159,12 @@ def test_a_clip_that_plays_fades_into_the_next_one(scene):
     posing.scrub_clip("bend", 0.0)
     posing.play_clip("bend")
     for _ in range(10):
-        scene.tick()
+        scene.clock.tick()
     ways = [vertices(scene)]
     posing.play_clip("lean")
     np.testing.assert_allclose(vertices(scene), ways[0], atol=1e-6)  # no jump
     for _ in range(25):
-        scene.tick()
+        scene.clock.tick()
         ways.append(vertices(scene))
     steps = abs(np.diff(ways, axis=0)).max(axis=(1, 2))
     assert steps.max() < 0.25 * abs(lean - ways[0]).max()
@@ -180,7 +180,7 @@ def test_the_camera_turns_around_a_clip_that_plays(scene):
     scene.posing.play_clip("bend")
     scene.timeline.turntable(60, orbits.values_of(scene.orbit))
     yaw, seconds = scene.orbit.yaw, scene.posing.seconds
-    scene.advance(0.05)
+    scene.clock.advance(0.05)
     assert scene.orbit.yaw != yaw and scene.posing.seconds != seconds
 
 
@@ -201,8 +201,8 @@ def test_a_soft_object_follows_keys_of_bones_while_they_play(scene):
     scene.timeline.scrub(0)
     scene.timeline.play()
     for _ in range(15):
-        scene.advance(TIME_STEP)
-    assert scene.timeline.playing and scene.posing.drives and not scene.paused
+        scene.clock.advance(TIME_STEP)
+    assert scene.timeline.playing and scene.posing.drives and not scene.clock.paused
     wanted = skinning_matrices(scene.rigging.skeleton, scene.timeline.bones_at(15))
     wanted = scene.rigging.bound().pose(wanted).numpy()
     driven = scene.grip.bones
@@ -285,4 +285,4 @@ def test_what_is_deleted_is_let_go_of_and_the_rest_keeps_its_rig(scene, ball):
     assert scene.posing.drives and len(scene.grip.bones)
     np.testing.assert_array_equal(vertices(scene), before)
     turn(scene, 1, (0.2, 0.0, 0.0))
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)

@@ -26,7 +26,6 @@ from deformrf.viewer.document import (
     save_session,
     start_of,
 )
-from deformrf.viewer.document import state_of as whole_state
 from deformrf.viewer.document.history.undo import _same
 from deformrf.viewer.document.scene.cuts import ALL
 from deformrf.wings import rig
@@ -34,7 +33,7 @@ from deformrf.wings import rig
 
 def state_of(scene):
     """The scene's state; whether the solver sleeps is known again some steps after an undo."""
-    return whole_state(scene) | {"asleep": None}
+    return scene.states.now() | {"asleep": None}
 
 
 @pytest.fixture
@@ -62,7 +61,7 @@ def drag(scene, random, ticks=20):
         handles.grab(int(random.choice(free)))
         handles.drag_to(handles.grabbed.start + random.normal(scale=0.05, size=3))
     for _ in range(ticks):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     handles.release()
 
 
@@ -110,7 +109,7 @@ def test_delete_and_undo_is_the_first_state_to_the_bit(scene, begin):
     assert len(scene.journal.steps) == count + 1
     after = state_of(scene)
     for _ in range(5):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     assert scene.undo()
     assert _same(before, state_of(scene))
     assert scene.solver.tets is not None and len(scene.solver.tets) == scene.field.mesh.tet_count
@@ -237,7 +236,7 @@ def test_what_is_left_is_not_held_by_what_was_deleted(scene):
     scene.body.set_options(contact=False)
     scene.set_gravity(9.81)
     for _ in range(12):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     assert scene.positions[top, 2].mean() < before - 0.05
 
 
@@ -316,19 +315,19 @@ def test_keys_of_the_timeline_stay_and_play(scene, ball, tmp_path, motion):
     handles.grab(int(handles.control_ids[0]))
     handles.drag_to(handles.grabbed.start + 0.1)
     for _ in range(10):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     line.key(20, None, True)
     handles.release()
     line.play()
     for _ in range(5):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     scene.cuts.delete(at_random(scene, random))  # which ends the playing
     assert not line.playing and len(line.keys["pose"]) == 2
     for _ in range(3):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     line.play()
     for _ in range(30):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     assert np.isfinite(scene.positions).all()
     path = save_session(scene, start, tmp_path / "s.jsonl")
     again, session = Scene(ball, "ball", "cpu"), load_session(path, ball)
@@ -350,7 +349,7 @@ def test_bones_let_go_of_an_object_that_is_cut(scene, ball, tmp_path, soft):
     for step in range(10):
         turned = rig.turned(rigging.skeleton, posing.current, 0, np.array([0.05 * step, 0.0, 0.1]))
         posing.aim(turned)
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
         if step == 5:
             scene.cuts.delete(above(scene, 0.7))
     assert np.isfinite(scene.positions).all() and scene.cuts.some

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from displaced import displacements
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.geometry import TetMesh
 from deformrf.viewer.document import Scene
-from deformrf.viewer.events import displacements
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def test_a_drag_takes_along_what_is_within_the_radius_as_one_body(scene):
     ids = scene.handles.grabbed.ids
     assert len(ids) > 1
     scene.handles.drag_to(scene.handles.at([vertex], rest)[0] + [0.1, 0.0, 0.0])
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     moved = scene.positions[ids] - rest[ids]
     assert moved == pytest.approx(np.tile([0.1, 0, 0], (len(ids), 1)), abs=1e-5)
 
@@ -41,7 +41,7 @@ def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(s
     way = np.array([0.1, 0.0, 0.0], np.float32)
     scene.handles.drag_to(scene.handles.at([vertex], rest)[0] + way)
     for _ in range(120):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     moved = scene.positions - rest
     (gone,) = scene.handles.at([vertex], moved)
     assert 0.9 < gone[0] / way[0] < 1.01
@@ -51,7 +51,7 @@ def test_a_soft_drag_is_followed_but_not_exactly_and_weaker_towards_the_radius(s
     assert followed[away > 0.2 * scene.size].mean() < followed[away < 0.1 * scene.size].mean()
     scene.handles.release()
     for _ in range(300):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert displacements(scene).max() < 0.01
 
 
@@ -61,7 +61,7 @@ def test_a_soft_drag_of_one_vertex_to_far_away_tears_nothing(scene):
     assert set(scene.handles.grabbed.ids) == set(scene.handles.corners(vertex))
     scene.handles.drag_to(scene.handles.at([vertex])[0] + np.float32(100.0))
     for _ in range(60):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert displacements(scene).max() < 3.0
 
 
@@ -98,14 +98,14 @@ def test_a_drag_is_pinned_with_its_patch_where_it_is(scene, soft):
     held = scene.handles.grabbed.ids
     scene.handles.drag_to(scene.handles.grabbed.target.place + np.array([0.1, 0.0, 0.1]))
     for _ in range(30):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     before = scene.positions.copy()
     scene.handles.pin_grab()
     patch = scene.solver.pinned & ~scene.pins
     assert scene.handles.grabbed is None and patch[scene.handles.corners(vertex)].all()
     assert 1 < patch.sum() <= len(held) and set(np.flatnonzero(patch)) <= set(held)
     for _ in range(30):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     np.testing.assert_allclose(scene.positions[patch], before[patch], atol=1e-6)
 
 
@@ -118,7 +118,7 @@ def test_a_place_is_held_by_a_point_that_passes_unless_it_is_pinned_or_posed(sce
     np.testing.assert_allclose(handles.at([handle])[0], place, atol=0.2 * scene.size)
     start = handles.at([handle])[0]
     handles.drag_to(start + np.array([0.05, 0.0, 0.0]))
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     np.testing.assert_allclose(handles.at([handle])[0] - start, [0.05, 0.0, 0.0], atol=1e-5)
     handles.select([0, handle])
     if end == "pin":

@@ -26,7 +26,7 @@ def topmost(scene):
 
 def wait(scene, frames):
     for _ in range(frames):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
 
 
 def drag(scene, handle, way=WAY, frames=30):
@@ -125,15 +125,15 @@ def test_while_time_is_stopped_a_drag_poses(scene, hand):
     """In Pose the rest goes along to its equilibrium; in Physics nothing moves before Space."""
     scene.handles.choose_hand(hand)
     handle, before = topmost(scene), scene.positions.copy()
-    scene.paused = True
+    scene.clock.paused = True
     drag(scene, handle, frames=60)
     pinned = scene.solver.pinned
     moved = np.linalg.norm(scene.positions - before, axis=1) / scene.size
     assert (moved[~pinned].max() > 0.02) == (hand == "pose")
     wait(scene, 300)
-    assert not scene.moving  # also not in Pose: it has arrived
+    assert not scene.clock.moving  # also not in Pose: it has arrived
     paused = scene.positions.copy()
-    scene.paused = False
+    scene.clock.paused = False
     wait(scene, 300)
     off = np.abs(scene.positions - paused).max() / scene.size
     assert off < 0.01 if hand == "pose" else moved.max() == 0.0
@@ -173,7 +173,7 @@ class Hands:
             self.click,
             scene.handles.cancel,
             lambda: scene.handles.choose_hand(str(random.choice(["physics", "pose"]))),
-            lambda: setattr(scene, "paused", bool(random.integers(2))),
+            lambda: setattr(scene.clock, "paused", bool(random.integers(2))),
             lambda: scene.hold(bool(random.integers(3))),
             scene.handles.pin_grab,
             scene.reset,

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from displaced import displacements
 
 from deformrf.core.deform import TIME_STEP
 from deformrf.core.field import load, save
 from deformrf.viewer.document import MAX_STEPS, Scene
-from deformrf.viewer.events import displacements
 
 
 @pytest.fixture
@@ -34,35 +34,35 @@ def grab_free(scene):
 
 def test_at_rest_the_solver_takes_no_step_and_the_pose_stays(scene, steps):
     revision = scene.revision
-    scene.advance(1.0)
+    scene.clock.advance(1.0)
     assert steps == []
     assert scene.revision == revision
-    assert not scene.moving
+    assert not scene.clock.moving
 
 
 @pytest.mark.parametrize("rate", [24, 30, 60, 144])
 def test_time_in_the_object_runs_as_outside(scene, steps, rate):
     grab_free(scene)
     for _ in range(2 * rate):
-        scene.advance(1.0 / rate)
+        scene.clock.advance(1.0 / rate)
     assert sum(steps) == pytest.approx(2.0, abs=TIME_STEP)
     assert set(steps) == {TIME_STEP}
 
 
 def test_a_frame_of_several_seconds_is_not_followed_by_one_as_long(scene, steps):
     grab_free(scene)
-    scene.advance(5.0)
+    scene.clock.advance(5.0)
     assert len(steps) == MAX_STEPS
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     assert len(steps) <= MAX_STEPS + 2
 
 
 def test_a_paused_scene_takes_only_single_steps(scene, steps):
     grab_free(scene)
-    scene.paused = True
-    scene.advance(1.0)
+    scene.clock.paused = True
+    scene.clock.advance(1.0)
     assert steps == []
-    scene.single_step()
+    scene.clock.single_step()
     assert steps == [TIME_STEP]
 
 
@@ -70,7 +70,7 @@ def test_the_grabbed_vertex_is_at_its_target_after_a_frame(scene):
     vertex = grab_free(scene)
     target = scene.handles.at([vertex])[0] + np.array([0.05, 0.02, 0.0])
     scene.handles.drag_to(target)
-    scene.advance(4 * TIME_STEP)
+    scene.clock.advance(4 * TIME_STEP)
     assert scene.handles.at([vertex])[0] == pytest.approx(target, abs=1e-5)
 
 
@@ -78,27 +78,27 @@ def test_a_held_object_at_rest_does_not_count_as_changed(scene):
     vertex = grab_free(scene)
     scene.handles.drag_to(scene.handles.at([vertex])[0] + np.float32(0.05))
     for _ in range(600):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     revision = scene.revision
     for _ in range(30):
-        scene.advance(TIME_STEP)
-    assert scene.moving
+        scene.clock.advance(TIME_STEP)
+    assert scene.clock.moving
     assert scene.revision == revision
 
 
 def test_reset_is_the_rest_pose(scene):
     vertex = grab_free(scene)
     scene.handles.drag_to(scene.handles.at([vertex])[0] + 0.1)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     scene.reset()
     assert displacements(scene).max() == 0.0
-    assert not scene.moving
+    assert not scene.clock.moving
 
 
 def test_another_number_of_substeps_keeps_the_pose(scene):
     vertex = grab_free(scene)
     scene.handles.drag_to(scene.handles.at([vertex])[0] + 0.1)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     before = scene.positions.copy()
     scene.body.set_options(substep_count=7)
     assert scene.solver.options.substep_count == 7
@@ -110,7 +110,7 @@ def test_another_number_of_substeps_does_not_end_a_drag(scene):
     scene.body.set_options(substep_count=7)
     target = scene.handles.at([vertex])[0] + np.array([0.05, 0.02, 0.0])
     scene.handles.drag_to(target)
-    scene.advance(4 * TIME_STEP)
+    scene.clock.advance(4 * TIME_STEP)
     assert scene.handles.at([vertex])[0] == pytest.approx(target, abs=1e-5)
 
 
@@ -125,7 +125,7 @@ def test_pins_can_be_let_go_and_set_again(scene):
 def test_one_pin_can_be_freed_and_one_vertex_pinned_where_it_is(scene):
     pin, vertex = int(scene.handles.pin_ids[0]), grab_free(scene)
     scene.handles.drag_to(scene.handles.at([vertex])[0] + np.float32(0.05))
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     bent = scene.handles.at([vertex])[0].copy()
     scene.handles.release()
     scene.handles.set_pin(vertex, True)
@@ -134,7 +134,7 @@ def test_one_pin_can_be_freed_and_one_vertex_pinned_where_it_is(scene):
     assert vertex not in scene.handles.control_ids
     assert pin not in scene.handles.pin_ids
     for _ in range(30):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert (scene.handles.at([vertex])[0] == bent).all()
     scene.hold(True)
     kept = [pin, *scene.handles.corners(vertex)]
@@ -149,16 +149,16 @@ def test_gravity_and_ground_come_and_go(scene):
     scene.set_ground(True)
     assert scene.body.gravity == 10.0 and scene.on_ground
     for _ in range(60):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     lowest = scene.field.mesh.rest_vertices[:, 2].min()
     assert scene.positions[:, 2].min() == pytest.approx(lowest, abs=1e-3)
     scene.set_ground(False)
     for _ in range(60):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert scene.positions[:, 2].max() < lowest
     scene.set_gravity(0.0)
     scene.reset()
-    assert not scene.moving
+    assert not scene.clock.moving
 
 
 def test_no_control_vertex_is_a_pin(scene):
@@ -240,7 +240,7 @@ def test_an_object_without_pins_falls_onto_a_ground(scene):
     scene.hold(False)
     assert scene.on_ground
     for _ in range(60):
-        scene.advance(1 / 30)
+        scene.clock.advance(1 / 30)
     assert scene.positions[:, 2].mean() > scene.solver.options.ground
     scene.hold(True)
     scene.set_gravity(0.0)
@@ -273,11 +273,11 @@ def test_esc_gives_back_what_yielded(scene):
     vertex = grab_free(scene)
     scene.handles.drag_to(scene.handles.at([vertex])[0] + np.array([0.4, 0.0, 0.2]))
     for _ in range(30):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert np.abs(scene.solver.rest_lengths - scene.solver.edges.rest_values).max() > 0.01
     scene.handles.cancel()
     for _ in range(60):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert displacements(scene).max() < 1e-3
 
 
@@ -285,11 +285,11 @@ def test_a_ball_that_stood_still_moves_on(scene):
     """Also where the solver sleeps, as nothing is touched."""
     scene.push(np.array([3.0, 0.5, 0.5]), np.array([1.0, 0.0, 0.0]))
     for _ in range(120):
-        scene.advance(TIME_STEP)
+        scene.clock.advance(TIME_STEP)
     assert scene.solver.settled
     target = scene.ball.reached + np.array([0.0, 0.2, 0.0])
     scene.push_to(target)
-    scene.advance(TIME_STEP)
+    scene.clock.advance(TIME_STEP)
     np.testing.assert_allclose(scene.ball.reached, target)
     assert not scene.solver.settled
 
@@ -314,7 +314,7 @@ def test_an_object_that_is_let_go_on_the_ground_stays_there(make_ball_field):
     scene.hold(False)
     heights = []
     for _ in range(120):
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
         heights.append(scene.solver.vertices.numpy()[:, 2].mean())
     assert max(heights) < scene.field.mesh.rest_vertices[:, 2].mean() + 0.03 * scene.size
 
@@ -340,11 +340,11 @@ def test_a_step_waits_only_for_a_fit_that_takes_seconds(scene, monkeypatch):
     begun = []
     monkeypatch.setattr(type(ratios), "ready", False)
     monkeypatch.setattr(type(ratios), "begin", lambda self: begun.append(1))
-    assert not scene.waits and not begun  # nothing moves
+    assert not scene.clock.waits and not begun  # nothing moves
     scene.solver.grab([0])
-    assert scene.waits and begun
-    scene.paused = True
-    assert not scene.waits
-    scene.paused = False
+    assert scene.clock.waits and begun
+    scene.clock.paused = True
+    assert not scene.clock.waits
+    scene.clock.paused = False
     scene.solver.set_compliances(1.0, None)
-    assert not scene.waits  # these need no fit
+    assert not scene.clock.waits  # these need no fit

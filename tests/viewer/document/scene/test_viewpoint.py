@@ -72,7 +72,7 @@ def test_a_session_has_the_views(scene, ball, tmp_path):
     scene.viewpoint.save()
     scene.orbit = orbits.changed(scene.orbit, {"parallel": True, "roll": 0.2, "up": UPS["-x"]})
     scene.note_view()
-    scene.tick()
+    scene.clock.tick()
     path = save_session(scene, start, tmp_path / "views.jsonl")
     again = Scene(ball, "ball", "cpu")
     Player(again, load_session(path, ball)).play_to(1)
@@ -154,6 +154,6 @@ def test_a_handle_follows_the_mouse_in_an_orthographic_view(scene, up):
     controls.on_mouse_press(x, 239 - y, 1, 0)
     start = pixel()
     controls.on_mouse_drag(x + 20, 239 - y + 10, 20, 10, 1, 0)
-    scene.advance(4 / 60)
+    scene.clock.advance(4 / 60)
     assert scene.handles.hover == handle
     assert pixel() - start == pytest.approx([20, -10], abs=1.0)

@@ -61,7 +61,7 @@ def test_the_file_grows_by_what_is_new_and_a_line_that_was_cut_off_is_left_out(
     pass_time(saved, 6)
     begun = kept.path.read_bytes()
     scene.set_gravity(9.81)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     scene.hold(False)
     pass_time(saved, 3600)
     grown = kept.path.read_bytes()
@@ -248,12 +248,12 @@ def test_a_session_that_ended_at_a_pose_of_the_timeline_shows_it(app, ball):
         scene, app.session_start, a.autosave_folder() / "ball-999999999-1.jsonl"
     )
     app.playing.recover()
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     np.testing.assert_array_equal(scene.solver.vertices.numpy(), bent)
-    assert scene.paused and scene.timeline.stands
+    assert scene.clock.paused and scene.timeline.stands
     while scene.undo():
         pass
-    assert not scene.paused
+    assert not scene.clock.paused
 
 
 @pytest.mark.gl

@@ -72,12 +72,12 @@ def work(app, edits, copies=True):
     """Edit, save a copy, go on, save the session; both paths."""
     for edit in edits:
         edit(app)
-    app.scene.advance(0.1)
+    app.scene.clock.advance(0.1)
     ACTIONS["save_model"](app)
     copy = saved(app)
     pose(app)
     for _ in range(3):
-        app.scene.advance(0.1)
+        app.scene.clock.advance(0.1)
     ACTIONS["save_session"](app)
     return copy, saved(app)
 

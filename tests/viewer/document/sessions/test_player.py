@@ -16,7 +16,6 @@ from deformrf.viewer.document import (
     Scene,
     Session,
     SessionError,
-    begin_anew,
     load_session,
 )
 from deformrf.viewer.document.sessions import player
@@ -68,7 +67,7 @@ def test_whatever_the_reader_allows_is_played_or_refused_in_a_sentence(
         tried |= {event[1] for event in events}
         while True:
             path = write(tmp_path / "s.jsonl", field, events)
-            begin_anew(scene)
+            scene.states.begin_anew()
             try:
                 Player(scene, load_session(path, field)).play_to(50)
                 break
@@ -112,8 +111,8 @@ def test_a_fault_of_the_program_is_a_sentence_and_stays_in_the_log(ball, scene, 
 def test_time_in_which_nothing_moves_takes_no_time(scene):
     """Each of a day's ticks took some microseconds: minutes without a word."""
     events = [Event(7, "set_ground", {"height": 0.0}), Event(DAY - 5, "hold", {"held": False})]
-    ticks, tick = [], scene.tick
-    scene.tick = lambda: (ticks.append(scene.journal.tick), tick())
+    ticks, tick = [], scene.clock.tick
+    scene.clock.tick = lambda: (ticks.append(scene.journal.tick), tick())
     playing = Player(scene, Session({"start": {}, "ticks": DAY}, events))
     assert playing.play_to(3) and scene.journal.tick == 3
     assert playing.play_to(DAY) and scene.journal.tick == DAY

@@ -58,13 +58,13 @@ def work(scene):
     scene.handles.set_pin(int(scene.handles.control_ids[0]), True)
     scene.timeline.key(0, values_of(scene.orbit), True)
     for _ in range(5):
-        scene.advance(1.0 / 60.0)
+        scene.clock.advance(1.0 / 60.0)
     scene.timeline.key(30, None, True)
     scene.viewpoint.save()
     scene.orbit = replace(scene.orbit, yaw=0.7, distance=1.5)
     vars(scene.settings).update(LOOKS)
     for _ in range(5):
-        scene.advance(1.0 / 60.0)
+        scene.clock.advance(1.0 / 60.0)
     return start
 
 
@@ -124,7 +124,7 @@ def test_saving_again_replaces_the_file_and_keeps_the_model(scene, tmp_path):
     path = save_project(scene, start := work(scene), tmp_path / "work.deformrf")
     shutil.rmtree(tmp_path / "models")
     scene.set_gravity(1.0)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     save_project(scene, start, path)
     assert reopened(path)[1].body.gravity == 1.0
     assert [file.name for file in tmp_path.iterdir()] == ["work.deformrf"]

@@ -28,7 +28,7 @@ def session(ball, tmp_path):
             scene.handles.release()
         elif tick < TICKS // 2:
             scene.handles.drag_to(np.add(place, (0.0, 0.02 * tick, 0.0)))
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     return save_session(scene, start, tmp_path / "s.jsonl"), scene.positions.copy()
 
 

@@ -15,7 +15,6 @@ from deformrf.viewer.document import (
     Scene,
     Session,
     SessionError,
-    begin_anew,
     load_session,
     save_session,
     start_of,
@@ -121,8 +120,8 @@ class RandomHand:
             lambda: scene.set_gravity(float(random.choice([0.0, 9.81]))),
             lambda: scene.set_ground(bool(random.integers(2))),
             lambda: scene.hold(bool(random.integers(2))),
-            lambda: setattr(scene, "paused", bool(random.integers(4) == 0)),
-            scene.single_step,
+            lambda: setattr(scene.clock, "paused", bool(random.integers(4) == 0)),
+            scene.clock.single_step,
             lambda: setattr(scene.settings, "mode", str(random.choice(["color", "depth"]))),
         )
 
@@ -187,7 +186,7 @@ def test_undo_and_redo_move_a_cursor_over_named_steps(scene):
     vertex = int(scene.handles.control_ids[0])
     scene.handles.grab(vertex)
     scene.handles.drag_to(scene.handles.at([vertex], rest)[0] + [0.1, 0.0, 0.0])
-    scene.advance(0.05)
+    scene.clock.advance(0.05)
     scene.handles.release()
     moved = scene.solver.vertices.numpy().copy()
     assert [step.label for step in journal.steps] == ["stiffness", "drag"]
@@ -223,7 +222,7 @@ def lines(scene, tmp_path):
     """The lines of a good session; `write` writes them, changed, and returns the path."""
     start = start_of(scene)
     scene.handles.grab(int(scene.handles.control_ids[0]))
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     scene.handles.release()
     path = save_session(scene, start, tmp_path / "s.jsonl")
     return [json.loads(line) for line in path.read_text().splitlines()]
@@ -303,7 +302,7 @@ def test_a_session_of_another_material_starts_with_it(ball, scene, tmp_path):
     other = Scene(ball, "ball", "cpu")
     Player(other, load_session(path, ball))
     assert start_of(other) == start_of(scene)
-    assert other.journal.events == [] and not other.moving
+    assert other.journal.events == [] and not other.clock.moving
 
 
 def test_substeps_follow_the_material_and_are_recorded(ball, scene, tmp_path):
@@ -311,7 +310,7 @@ def test_substeps_follow_the_material_and_are_recorded(ball, scene, tmp_path):
     start, options = start_of(scene), lambda of: of.solver.options.substep_count
     default = options(scene)
     scene.body.set_material(young_modulus=1e8)
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     assert options(scene) == scene.solver.substeps_that_hold() > default
     assert [step.label for step in scene.journal.steps] == ["stiffness"]
     path = save_session(scene, start, tmp_path / "s.jsonl")
@@ -321,13 +320,13 @@ def test_substeps_follow_the_material_and_are_recorded(ball, scene, tmp_path):
     assert options(other) == 10 and other.body.automatic_substeps
 
     scene.undo()
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     assert options(scene) == default
     scene.body.set_options(substep_count=12)
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     assert options(scene) == 12
     scene.body.set_automatic_substeps(True)
-    scene.advance(1 / 60)
+    scene.clock.advance(1 / 60)
     assert options(scene) == default
 
 
@@ -344,7 +343,7 @@ def test_a_session_that_names_no_integrator_keeps_the_first(ball, scene, lines, 
     assert not (other.body.automatic_substeps or again.header["start"]["automatic_substeps"])
     for kept in (other.solver.options.integrator, again.header["start"]["integrator"]):
         assert kept == "euler" != own
-    begin_anew(other)
+    other.states.begin_anew()
     assert other.solver.options.integrator == own
     assert other.body.automatic_substeps
 
@@ -399,7 +398,7 @@ def test_a_drag_that_is_given_up_leaves_no_empty_step_before_those_within_it(sce
     scene.set_gravity(1.0)
     scene.handles.grab(int(handle))
     scene.handles.drag_to(np.add(scene.handles.grabbed.target.place, [0.1, 0.0, 0.0]))
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     scene.body.set_material(young_modulus=2e6)
     scene.set_ground(True)
     scene.handles.cancel()
@@ -418,7 +417,7 @@ def test_what_is_shown_is_part_of_a_session(ball, scene, tmp_path):
     shown |= {"show_ground": False, "show_wireframe": True}
     for name, value in shown.items():
         setattr(settings, name, value)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
     other = Scene(ball, "ball", "cpu")
     Player(other, session).play_to(session.ticks)

@@ -148,7 +148,7 @@ def test_a_turntable_is_one_click_and_one_step(app, line):
     ACTIONS["turntable"](app)
     assert line.playing and line.loop and line.end == 120 and line.head == 0
     for _ in range(60):
-        app.scene.tick()
+        app.scene.clock.tick()
     turned = (app.scene.orbit.yaw - before.yaw) % (2 * np.pi)
     assert turned == pytest.approx(np.pi)
     app.scene.undo()

@@ -36,7 +36,7 @@ def posed(scene, tick, by):
     top = int(scene.solver.rest_vertices[:, 2].argmax())
     scene.handles.grab(top)
     scene.handles.drag_to(scene.solver.rest_vertices[top] + by)
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     scene.timeline.key(tick, None, True)
     scene.handles.release()
     return top
@@ -46,7 +46,7 @@ def played(scene, count):
     """The vertices after each of so many ticks."""
     shown = []
     for _ in range(count):
-        scene.tick()
+        scene.clock.tick()
         shown.append(vertices(scene))
     return shown
 
@@ -129,7 +129,7 @@ def test_interpolated_poses_hit_their_keys_and_blend_between(scene, line, two_po
     np.testing.assert_allclose(shown[4], 0.75 * first.vertices + 0.25 * second.vertices, atol=1e-6)
     np.testing.assert_array_equal(shown[19], second.vertices)
     after = played(scene, 30)[-1]
-    assert not line.playing and scene.paused  # and the pose stays
+    assert not line.playing and scene.clock.paused  # and the pose stays
     np.testing.assert_array_equal(after, second.vertices)
 
 
@@ -152,7 +152,7 @@ def test_physics_moves_what_is_held_along_its_way_and_the_rest_follows(
     assert 1e-3 < away < 0.3  # it lags, and follows
     assert (scene.solver.pinned == first.pinned).all()  # what the mouse held is none
     played(scene, 2)
-    assert not line.playing and not scene.paused
+    assert not line.playing and not scene.clock.paused
     assert (scene.solver.pinned == second.pinned).all()
     assert abs(played(scene, 60)[-1][top] - second.vertices[top]).max() > 0.01  # let go
 
@@ -223,9 +223,9 @@ def test_scrubbing_shows_the_pose_and_is_one_step(scene, line, two_poses):
     before, count = vertices(scene), len(scene.journal.steps)
     for tick in (3, 10, 20):
         line.scrub(tick)
-        scene.advance(1 / 60)
+        scene.clock.advance(1 / 60)
     np.testing.assert_array_equal(vertices(scene), two_poses[2].vertices)
-    assert scene.paused and len(scene.journal.steps) == count + 1
+    assert scene.clock.paused and len(scene.journal.steps) == count + 1
     scene.undo()
     np.testing.assert_array_equal(vertices(scene), before)
     assert line.head == 0
@@ -250,11 +250,11 @@ def test_a_hand_stops_what_plays(scene, line, two_poses, motion):
 def test_time_that_stands_still_stops_physics_but_no_camera(scene, line, two_poses):
     line.set_motion("physics")
     line.play()
-    scene.paused = True
+    scene.clock.paused = True
     before = vertices(scene)
     np.testing.assert_array_equal(played(scene, 5)[-1], before)
     assert line.playing and line.head == 0
-    scene.paused = False
+    scene.clock.paused = False
     played(scene, 5)
     assert line.head == 5
 
@@ -262,48 +262,48 @@ def test_time_that_stands_still_stops_physics_but_no_camera(scene, line, two_pos
 def test_a_hand_lets_time_go_on_that_the_timeline_stopped(scene, line, two_poses):
     """So that a pose that is shown can be changed; time that the user stopped stands still."""
     line.scrub(20)
-    assert scene.paused and line.stands
+    assert scene.clock.paused and line.stands
     scene.handles.grab(two_poses[0])
-    assert not scene.paused and not line.stands
+    assert not scene.clock.paused and not line.stands
     scene.handles.drag_to(scene.solver.rest_vertices[two_poses[0]])
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     line.key(20, None, True)
     scene.handles.release()
     moved = abs(line.keys["pose"][1].vertices - two_poses[2].vertices).max()
     assert moved > 0.05
-    scene.paused = True
+    scene.clock.paused = True
     line.scrub(0)
     scene.handles.grab(two_poses[0])
-    assert scene.paused
+    assert scene.clock.paused
 
 
 @pytest.mark.parametrize("shown", ["scrub", "play", "blend_pose"])
 def test_undo_lets_time_go_on_that_the_undone_edit_stopped(scene, line, two_poses, shown):
     line.save_pose("a")
     getattr(line, shown)(*{"scrub": [20], "play": [], "blend_pose": ["a", 0.5]}[shown])
-    assert scene.paused and line.stands
+    assert scene.clock.paused and line.stands
     scene.undo()
-    assert not scene.paused and not line.stands
+    assert not scene.clock.paused and not line.stands
     before = vertices(scene)
     assert (played(scene, 5)[-1] != before).any()
     scene.redo()
     shown = vertices(scene)
-    assert scene.paused and line.stands
+    assert scene.clock.paused and line.stands
     np.testing.assert_array_equal(played(scene, 5)[-1], shown)
     scene.undo()
-    scene.paused = True  # by the user: undo leaves it
+    scene.clock.paused = True  # by the user: undo leaves it
     line.scrub(0)
     scene.undo()
-    assert scene.paused and not line.stands
+    assert scene.clock.paused and not line.stands
 
 
 def test_a_drag_that_is_given_up_leaves_time_standing_still(scene, line, two_poses):
     line.scrub(20)
     scene.handles.grab(two_poses[0])
     scene.handles.drag_to(scene.solver.rest_vertices[two_poses[0]])
-    scene.advance(0.1)
+    scene.clock.advance(0.1)
     scene.handles.cancel()
-    assert scene.paused and line.stands
+    assert scene.clock.paused and line.stands
     np.testing.assert_array_equal(played(scene, 30)[-1], two_poses[2].vertices)
 
 
@@ -322,24 +322,24 @@ def test_pins_that_are_set_while_poses_play_stay(scene, line, two_poses, motion,
     played(scene, 30)
     pinned = scene.solver.pinned
     assert pinned[top] if act == "set_pin" else not pinned.any()
-    assert scene.paused == (motion == "interpolation")  # the pose that was shown stays
+    assert scene.clock.paused == (motion == "interpolation")  # the pose that was shown stays
 
 
 def test_a_pause_stops_the_playhead_of_poses_where_they_are(scene, line, two_poses):
     line.play()
     there = played(scene, 5)[-1]
-    scene.paused = not scene.paused  # Space
-    assert not line.playing and scene.paused and line.head == 5
+    scene.clock.paused = not scene.clock.paused  # Space
+    assert not line.playing and scene.clock.paused and line.head == 5
     np.testing.assert_array_equal(played(scene, 30)[-1], there)
-    scene.paused = not scene.paused
+    scene.clock.paused = not scene.clock.paused
     assert (played(scene, 5)[-1] != there).any()
 
 
 def test_without_keys_nothing_plays(scene, line):
     line.play()
-    assert not line.playing and not scene.moving
+    assert not line.playing and not scene.clock.moving
     line.scrub(30)
-    assert line.head == 30 and not scene.paused
+    assert line.head == 30 and not scene.clock.paused
 
 
 # -- saved poses -------------------------------------------------------------------------------
@@ -377,7 +377,7 @@ def test_a_turntable_turns_evenly_all_around_and_loops(scene, line):
     line.play()
     yaws = [scene.orbit.yaw]
     for _ in range(2 * 88):
-        scene.tick()
+        scene.clock.tick()
         yaws.append(scene.orbit.yaw)
     steps = (np.diff(yaws) + np.pi) % (2 * np.pi) - np.pi
     np.testing.assert_allclose(steps, 2 * np.pi / 88, atol=1e-6)
