@@ -234,9 +234,6 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        self.opening.follow()
-        if self.questions.name:
-            self.fly.end()  # which has the keys
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.per_point = size[0] / max(self.window.width, 1)
@@ -244,8 +241,11 @@ class App:
         controls.covered = controls.panels = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             controls.leave()
-        self.fly.advance(seconds)
-        photograph, places = call(placed_photograph, self)
+        if self.fly.on:
+            self.fly.advance(seconds)
+        photograph = None
+        if self.photographs is not None:
+            photograph, places = call(placed_photograph, self)
         moved, tick = scene.clock.moving, scene.journal.tick
         if not whole and scene.clock.waits:  # time stands, and the window answers
             self._wait()
@@ -262,23 +262,33 @@ class App:
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
+        built = True
         if self.gui is not None:
             with times.task("panel"):
-                self._draw_panels()
+                built = self._draw_panels()
             with times.task("flip"):
                 self.canvas.show()
                 self.window.flip()
-        self.takes.update()
-        follow_job(self)
-        self.questions.follow()
-        self._follow_camera()
+        if built:
+            self._follow()
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
         times.end_frame()
-        self._log_state()
+        if self.log.enabled:
+            self._log_state()
         self.frame_count += 1
         self._drawn_at = time.perf_counter()
+
+    def _follow(self):
+        """Go on with all that goes beside the object: films, training, questions, the title."""
+        self.takes.update()
+        follow_job(self)
+        self.questions.follow()
+        self.opening.follow()
+        if self.questions.name:
+            self.fly.end()  # which has the keys
+        self._follow_camera()
 
     def _follow_camera(self):
         """Note where the camera rests, and say in the window's title what is open."""
@@ -327,25 +337,26 @@ class App:
         begin_job(self)
 
     def _draw_panels(self):
-        """Draw the panels; in a plain drag they are built some times a second, else each frame."""
+        """Draw the panels; whether they were built: some times a second in a plain drag."""
         now, drag = time.perf_counter(), self.controls.held_drag
         plain = drag is not None and drag.is_plain and not self.controls.free
         if plain and not self._has_news and now - self._built_at < PANEL_SECONDS:
             self.gui.show_again()
-            return
+            return False
         self._has_news, self._built_at = False, now
         settings = self.scene.settings
         self.gui.dress(settings.theme, settings.panel_scale)
         self.gui.begin()
         self.gui.guarded(self.panels.draw)
         self.gui.end()
-        if self.scene.settings.panel_in_screenshots:
+        if settings.panel_in_screenshots:
             self.recorder.save_screenshot()
+        return True
 
     def _log_state(self):
         now = time.perf_counter()
         ready = self.frame_count == 0
-        if self.log.enabled and (ready or now - self._last_state >= STATE_SECONDS):
+        if ready or now - self._last_state >= STATE_SECONDS:
             self._last_state = now
             self.log("ready" if ready else "state", **state_of(self))
 

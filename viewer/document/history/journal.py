@@ -142,6 +142,7 @@ class Journal:
         self.cursor = 0  # steps before it can be undone, the others done again
         self._states = states
         self._view = {}  # that was noted last
+        self.noted = None, None  # the camera and what else was shown then
         self._oldest: Step | None = None  # the last one that was forgotten, before all steps
         self._saved: object = None  # the step whose result is saved; None: the state before all
 
@@ -173,7 +174,7 @@ class Journal:
         self.events.clear()
         self.steps.clear()
         self.cursor = self.tick = 0
-        self._view = {}
+        self._view, self.noted = {}, (None, None)
         self._oldest = self._saved = None
 
     def note(self, name: str, **arguments) -> None:
@@ -194,6 +195,7 @@ class Journal:
     def forget_view(self, names) -> None:
         """Something else has changed these values of the view: they are recorded next time."""
         self._view = {name: one for name, one in self._view.items() if name not in names}
+        self.noted = None, None
 
     # -- what is saved -------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ....core.base.kept import Kept
 from ....core.deform import TIME_STEP
 from ....core.field import TetField
 from ....wings.rig import (
@@ -78,9 +79,8 @@ class Posing:
         self._fades = None  # the clip before, the time in it, and the time since [s]
         self._aim: BonePose | None = None  # where a drag wants the bones, until they are there
         self._pins = None  # that are taken off while bones hold vertices  [V] bool
-        self._driven = None  # what it follows from, and ids of vertices
-        self._frames = None  # skeleton, pose, and what `_matrices` returns
-        self._ends = None  # skeleton, pose, and the ends
+        self._driven = Kept()  # ids of vertices
+        self._frames, self._ends = Kept(), Kept()
 
     @property
     def current(self) -> BonePose:
@@ -93,16 +93,16 @@ class Posing:
 
         [B, 2, 3]
         """
+        return self._ends.of((self._rigging.skeleton, self.pose), self._ends_now)
+
+    def _ends_now(self):
         skeleton = self._rigging.skeleton
         if skeleton is None:
             return NO_ENDS
-        if self._ends is None or self._ends[0] is not skeleton or self._ends[1] is not self.pose:
-            heads, tails = skeleton.heads, skeleton.tails
-            if self.pose is not None:
-                frames, matrices = self._matrices(self.pose)
-                heads, tails = frames[:, :3, 3], moved_tails(skeleton, matrices)
-            self._ends = skeleton, self.pose, np.stack([heads, tails], axis=1)
-        return self._ends[2]
+        if self.pose is None:
+            return np.stack([skeleton.heads, skeleton.tails], axis=1)
+        frames, matrices = self._matrices(self.pose)
+        return np.stack([frames[:, :3, 3], moved_tails(skeleton, matrices)], axis=1)
 
     def axes(self, bone: int):
         """A bone's own axes as they are now, in columns.  [3, 3]"""
@@ -340,11 +340,12 @@ class Posing:
         Skinning and drawing want those of the same pose.
         """
         skeleton = self._rigging.skeleton
-        kept = self._frames
-        if kept is None or kept[0] is not skeleton or kept[1] is not pose:
+
+        def work():
             frames = posed(skeleton, pose)
-            self._frames = skeleton, pose, (frames, frames @ skeleton.inverse_rest)
-        return self._frames[2]
+            return frames, frames @ skeleton.inverse_rest
+
+        return self._frames.of((skeleton, pose), work)
 
     def _move(self, vertices):
         if self.soft:
@@ -356,12 +357,8 @@ class Posing:
         self._moved.revision += 1
 
     def _driven_ids(self):
-        skeleton, softness = self._rigging.skeleton, self.softness
-        if self._driven is None or self._driven[:2] != (id(skeleton), softness):
-            mesh = self._moved.field.mesh
-            ids = driven_vertices(mesh, skeleton, softness)
-            self._driven = id(skeleton), softness, ids, skeleton  # which is kept, and so its id
-        return self._driven[2]
+        given = self._moved.field.mesh, self._rigging.skeleton, self.softness
+        return self._driven.of(given, lambda: driven_vertices(*given))
 
     @property
     def taken_pins(self):

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ....core.base.arguments import LARGEST_SIZE, SMALLEST_SIZE
+from ....core.base.kept import Kept
 from ....core.base.schema import number
 from ....core.deform import Material, XpbdOptions, XpbdSolver
 from ....core.field import STIFFNESS_RANGE
@@ -30,7 +31,8 @@ class Body:
         automatic_substeps: Whether their number follows the material, as `adapt_substeps` says.
         gravity: Downwards [m/s²]; 0 without gravity.
         wind: The air's speed along x [m/s].
-        factors: Of Young's modulus at the vertices, or None: 1 everywhere.  [V]
+        factors: Of Young's modulus at the vertices, or None: 1 everywhere; never changed in
+            place.  [V]
     """
 
     def __init__(self, rest_vertices, tets, pinned, size, meters, device, factors=None):
@@ -51,7 +53,7 @@ class Body:
         self.factors = factors
         if factors is not None:
             self.solver.set_stiffness(factors)
-        self._answers = None  # what the solver's depend on; by the name of the question
+        self._answers, self._adapted = Kept(), Kept()  # the solver's, by the questions' names
         self._rest_shapes = []  # those before the present one
         self.automatic_substeps = True
         self.adapt_substeps()
@@ -97,13 +99,15 @@ class Body:
         """How many substeps hold the material's."""
         return self._told("substeps_that_hold")
 
+    @property
+    def _told_of(self):
+        """What the solver's answers follow from: none of it is changed in place."""
+        solver = self.solver
+        return solver, solver.options, solver.material, solver.pinned, self.factors
+
     def _told(self, name):
         """What the solver's method of that name returns; it is asked once."""
-        painted = None if self.factors is None else self.factors.tobytes()
-        key = self.solver.options, self.solver.material, self.solver.pinned.tobytes(), painted
-        if self._answers is None or self._answers[0] != key:
-            self._answers = key, {}
-        answers = self._answers[1]
+        answers = self._answers.of(self._told_of, dict)
         if name not in answers:
             answers[name] = getattr(self.solver, name)()
         return answers[name]
@@ -121,7 +125,11 @@ class Body:
 
     def adapt_substeps(self) -> None:
         """Before time passes: take as many substeps as hold the material, if that is automatic."""
-        if self.automatic_substeps and self.substeps_that_hold != self.solver.options.substep_count:
+        if self.automatic_substeps:
+            self._adapted.of(self._told_of, self._adapt)
+
+    def _adapt(self):
+        if self.substeps_that_hold != self.solver.options.substep_count:
             self._adapt_substeps(self.substeps_that_hold)
 
     @edit("adapt_substeps")
@@ -131,11 +139,11 @@ class Body:
 
     def paint(self, ids, shares, factor):
         """Multiply the stiffness of these vertices [K], by `factor` where the share is 1.  [K]"""
-        if self.factors is None:
-            self.factors = np.ones(len(self.solver.rest_vertices))
-        painted = self.factors[ids] * factor**shares
-        self.factors[ids] = np.clip(painted, *STIFFNESS_RANGE)
-        self.solver.set_stiffness(self.factors)
+        before = np.ones(len(self.solver.rest_vertices)) if self.factors is None else self.factors
+        factors = before.copy()
+        factors[ids] = np.clip(before[ids] * factor**shares, *STIFFNESS_RANGE)
+        self.factors = factors
+        self.solver.set_stiffness(factors)
 
     @edit("clear_paint", undo="equally stiff")
     def clear_paint(self):
@@ -165,7 +173,7 @@ class Body:
         new.set_state(vertices.copy(), old.velocities.numpy().copy())
         if at_rest:
             new.fall_asleep()
-        self.solver, self._answers = new, None
+        self.solver = new
         whole = self._whole.sheet_ratios, self._whole.vertices
         new.edges.sheet_ratios.follow(new.edges.vertices, *whole)
 
@@ -220,9 +228,8 @@ class Body:
 
     def state(self) -> dict:
         """What edits change, besides positions and pins."""
-        names = "material", "gravity", "wind", "_air_drag", "meters_per_unit", "automatic_substeps"
-        kept = {name: getattr(self, name) for name in names}
-        kept["factors"] = None if self.factors is None else self.factors.copy()
+        names = "material", "gravity", "wind", "_air_drag", "meters_per_unit", "factors"
+        kept = {name: getattr(self, name) for name in (*names, "automatic_substeps")}
         kept["_rest_shapes"] = list(self._rest_shapes)
         solver = self.solver
         return {"own": kept, "options": solver.options, "rest_shape": solver.rest_shape}
@@ -231,7 +238,6 @@ class Body:
         """Return to a state."""
         vars(self).update(state["own"])
         self._rest_shapes = list(self._rest_shapes)
-        self.factors = None if self.factors is None else self.factors.copy()
         solver = self.solver
         if not np.array_equal(solver.rest_shape, state["rest_shape"]):
             solver.set_rest_shape(state["rest_shape"])

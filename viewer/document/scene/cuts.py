@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from ....core import field as fields
+from ....core.base.kept import Kept
 from ....core.field import SUBTET_COUNT, pack_mask, subtet_corners, subtet_middles, unpack_mask
 from ....core.geometry import tet_neighbours
 from ..history.journal import edit
@@ -66,7 +67,7 @@ class Cuts:
         self.vertices = np.ones(whole.field.mesh.vertex_count, bool)
         self.revision = 0
         self._preview = None  # masks [T] uint64
-        self._points = None  # for which `points_left` holds, and its value
+        self._points_left = Kept()
 
     # -- what is left --------------------------------------------------------------------
 
@@ -115,12 +116,7 @@ class Cuts:
         points = self._whole.handles.points
         if not self.removed.any():
             return np.ones(len(points), bool)
-        key = self.removed, points
-        if self._points is None or any(
-            a is not b for a, b in zip(self._points[0], key, strict=True)
-        ):
-            self._points = key, self._near_matter(points)
-        return self._points[1]
+        return self._points_left.of((self.removed, points), lambda: self._near_matter(points))
 
     def _near_matter(self, points):
         """Whether matter that is left is about as near as it was, to each point at rest.  [C]"""

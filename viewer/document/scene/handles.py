@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ....core.base.kept import Kept
 from ....core.deform import vertices_within
 from ....core.field import TetField
 from ...settings import GRAB_RADII, Settings
@@ -27,6 +28,7 @@ class Remaining(Protocol):
     """What was not deleted."""
 
     vertices: np.ndarray  # [V] bool
+    removed: np.ndarray  # another array where something was deleted  [T] uint64
 
     def points_left(self) -> np.ndarray: ...
 
@@ -79,7 +81,8 @@ class Handles:
         hidden: Handles that are neither drawn nor taken.
         names: That the user gave, by handle.
         grabbed: The drag in progress, or None.
-        patches: A number for the vertices that were pinned together; 0: none.  [V]
+        patches: A number for the vertices that were pinned together; 0: none.  Never changed
+            in place.  [V]
     """
 
     def __init__(self, whole: Grabbable, surface):
@@ -95,6 +98,7 @@ class Handles:
         self.grabbed: Grab | None = None
         self.patches = np.zeros(mesh.vertex_count, int)
         self._posed: tuple[int, ...] = ()
+        self._controls, self._pins = Kept(), Kept()
 
     # -- where they are ------------------------------------------------------------------
 
@@ -114,6 +118,21 @@ class Handles:
     @property
     def control_ids(self):
         """What can be dragged: points that are not pinned, freed pins, and what is posed."""
+        return self._controls.of(self._shown_of, self._control_ids)
+
+    @property
+    def pin_ids(self):
+        """The pins that are drawn: those by the surface, and one of each patch."""
+        return self._pins.of(self._shown_of, self._pin_ids)
+
+    @property
+    def _shown_of(self):
+        """What the drawn handles follow from: none of it is changed in place."""
+        whole = self._whole
+        of_object = whole.pins, whole.solver.pinned, whole.cuts.removed
+        return (*of_object, self.points, self.hidden, self.patches, self._posed)
+
+    def _control_ids(self):
         pins, pinned, near = self._whole.pins, self._whole.solver.pinned, self._whole.near
         free = np.flatnonzero((self.points.share(pinned) < 0.5) & self._whole.cuts.points_left())
         freed = near[pins[near] & ~pinned[near] & pinned.any()]
@@ -121,9 +140,7 @@ class Handles:
         ids = np.append(ids, [one for one in self.posed if one not in ids]).astype(int)
         return ids[~np.isin(ids, self.hidden)] if self.hidden else ids
 
-    @property
-    def pin_ids(self):
-        """The pins that are drawn: those by the surface, and one of each patch."""
+    def _pin_ids(self):
         near, pins = self._whole.near, self._whole.solver.pinned & ~self._posed_vertices
         alone = near[pins[near] & (self.patches[near] == 0)]
         numbers = np.unique(self.patches[pins & (self.patches > 0)])
@@ -302,7 +319,7 @@ class Handles:
         posed = set(handles) & set(self.posed)
         pins = {one for one in handles if takes_pins and self.is_pinned(one)} - posed
         if posed | pins:
-            held_before = solver.pinned.copy(), self.patches.copy()
+            held_before = solver.pinned, self.patches
             self._free(posed | pins)
         (start,) = self.at(handles[:1], positions)
         yields = math.isfinite(self._whole.body.material.yield_strain)
@@ -495,7 +512,7 @@ class Handles:
         if pinned:
             pins, patch = whole.solver.pinned.copy(), self.patch(vertex, radius)
             patch = patch[~pins[patch]]
-            self.patches[patch] = self.patches.max() + 1
+            self._number(patch, self.patches.max() + 1)
             pins[patch] = True
             whole.solver.set_pinned(pins)
             self._posed = tuple(one for one in self._posed if one != vertex)
@@ -510,8 +527,14 @@ class Handles:
         for handle in handles:
             number = self.patches[self.corners(handle)].max()
             patch = self.patches == number if number else self.corners(handle)
-            pins[patch], self.patches[patch] = False, 0
+            pins[patch] = False
+            self._number(patch, 0)
         self._whole.solver.set_pinned(pins)
+
+    def _number(self, patch, number):
+        """Give these vertices a number, ids or a mask [V]; 0: they are of no patch any more."""
+        self.patches = self.patches.copy()
+        self.patches[patch] = number
 
     def free_posed(self) -> None:
         """Let all posed handles go."""
@@ -520,7 +543,7 @@ class Handles:
 
     def forget_patches(self) -> None:
         """The object was pinned or freed as a whole; what is posed stays so while it is held."""
-        self.patches[~self._posed_vertices] = 0
+        self._number(~self._posed_vertices, 0)
 
     # -- more points ---------------------------------------------------------------------
 
@@ -550,13 +573,12 @@ class Handles:
         kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
         if self.grabbed is not None and self.grabbed.passing:
             kept["points"] = self.points.without_last()
-        return kept | {"patches": self.patches.copy(), "hand": self._whole.settings.hand}
+        return kept | {"patches": self.patches, "hand": self._whole.settings.hand}
 
     def restore(self, state: dict) -> None:
         """Return to a state."""
         own = dict(state)
         self._whole.settings.hand = own.pop("hand")
         vars(self).update(own)
-        self.patches = self.patches.copy()
         self.selected = [one for one in self.selected if self.exists(one)]
         self.hover = None

@@ -3,6 +3,8 @@
 Positions are model space, V vertices.
 """
 
+from operator import attrgetter
+
 import numpy as np
 import warp as wp
 
@@ -26,6 +28,7 @@ from .viewpoint import Viewpoint
 VISIBLE = 5e-4  # object sizes, half a pixel in the first view
 SMALLEST_BALL = 0.02  # object sizes
 HANDLE_RADIUS = 0.0135  # of its size
+shown_now = attrgetter(*SHOWN)
 
 
 class Scene:
@@ -138,9 +141,13 @@ class Scene:
 
     def note_view(self) -> None:
         """Let the journal know how the object is shown, and of a camera that a hand moves."""
-        shown = {name: getattr(self.settings, name) for name in SHOWN}
-        camera = {} if self.timeline.moves_camera else values_of(self.orbit)
-        self.journal.note_view(camera | shown)
+        camera = None if self.timeline.moves_camera else self.viewpoint.orbit
+        shown, noted = shown_now(self.settings), self.journal.noted
+        if camera is noted[0] and shown == noted[1]:
+            return
+        view = dict(zip(SHOWN, shown, strict=True))
+        self.journal.note_view(view if camera is None else values_of(camera) | view)
+        self.journal.noted = camera, shown
 
     def look(self, least=VISIBLE) -> None:
         """Take notice of the pose: it has changed if it differs by more than that [sizes]."""
