@@ -83,14 +83,22 @@ def cuda_is_available():
     return wp.is_cuda_available()
 
 
-def pytest_collection_modifyitems(items):
-    """Long files begin first.  What is marked gpu is skipped where there is no CUDA device."""
+def pytest_collection_modifyitems(config, items):
+    """Long files begin first.
+
+    What is marked gpu is skipped where there is no CUDA device, and what is marked soak in a run
+    that is neither make soak nor asks for it.
+    """
     places = {TESTS / name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: places.get(item.path, len(LONG)))
     gpu_items = [item for item in items if item.get_closest_marker("gpu")]
     if gpu_items and not cuda_is_available():
         for item in gpu_items:
             item.add_marker(pytest.mark.skip(reason="needs a CUDA device"))
+    if not SEED and "soak" not in config.option.markexpr:
+        for item in items:
+            if item.get_closest_marker("soak"):
+                item.add_marker(pytest.mark.skip(reason="in make soak"))
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)])

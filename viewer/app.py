@@ -234,6 +234,7 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
+        self.opening.follow()
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.per_point = size[0] / max(self.window.width, 1)
@@ -285,7 +286,6 @@ class App:
         self.takes.update()
         follow_job(self)
         self.questions.follow()
-        self.opening.follow()
         if self.questions.name:
             self.fly.end()  # which has the keys
         self._follow_camera()
@@ -308,10 +308,11 @@ class App:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
         in_clips = self.scene.settings.handles_in_clips
         clips = clip_range(self.scene.orbit)
-        self.canvas.use(self.size)
+        self.canvas.use(self.controls.size)
         self.radiance.draw(camera, clips)
         beside = self.controls.covered.right * self.controls.ratio * keep
         self.mesh_layer.draw(camera, clips, round(beside))
+        keep = keep and (self.recorder.video is not None or self.recorder.wants_screenshot)
         if keep and not in_clips:
             self._record_view()
         self.handle_layer.draw(camera, clips)

@@ -226,6 +226,7 @@ def test_a_folder_in_a_file_s_place_is_named(ball_file, tmp_path, monkeypatch, c
     assert "machine.csv" in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_one_tet_is_enough(tmp_path, monkeypatch):
     """And one level, no view dependence, no word on training: the least that a model can be."""
     mesh = TetMesh(

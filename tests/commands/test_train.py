@@ -189,6 +189,7 @@ def test_a_fault_of_the_view_leaves_the_run_alone(
     assert "training goes on" in caplog.text
 
 
+@pytest.mark.soak
 @pytest.mark.gl
 def test_a_snapshot_that_cant_be_shown_leaves_the_run_alone(app, job, monkeypatch, caplog):
     monkeypatch.setattr(fields, "load", lambda *_: 1 / 0)

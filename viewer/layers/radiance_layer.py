@@ -475,9 +475,8 @@ class RadianceLayer:
 
     def _triangle_for(self, smooth):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
-        wanted = ("SMOOTH", smooth), ("GROUND", self._ground.shown)
-        wanted += (("BUFFER", self.shown.texture.is_buffer),)
-        defines = tuple(name for name, is_wanted in wanted if is_wanted)
+        defines = ("SMOOTH",) * smooth + ("GROUND",) * self._ground.shown
+        defines += ("BUFFER",) * self.shown.texture.is_buffer
         if defines not in self._triangles:
             self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
         return self._triangles[defines]

@@ -307,7 +307,7 @@ print(len(starts.run_python(starts.VIEWING, str(model), "cpu")))
 """
 
 
-@pytest.mark.parametrize("way", ["script", "module"])
+@pytest.mark.parametrize("way", ["script", pytest.param("module", marks=pytest.mark.soak)])
 def test_a_film_training_and_a_report_s_starts_in_such_a_folder(
     trap, script, tmp_path, ball_file, way
 ):

@@ -118,7 +118,7 @@ def test_flat_tets_hide_nothing_behind_them(assert_conforms, make_ball_field, de
     assert_conforms(color, expected, field, vertices, origins, directions, BACKGROUND)
 
 
-@pytest.mark.parametrize("pose", ["rest", "twist"])
+@pytest.mark.parametrize("pose", [pytest.param("rest", marks=pytest.mark.soak), "twist"])
 def test_the_bundled_model_renders_as_defined(assert_conforms, device, pose):
     """Trained contents: thin shells, sharp masks, five thousand tets."""
     field = modelfile.load(paths.DEFAULT_MODEL)

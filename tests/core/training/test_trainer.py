@@ -97,6 +97,7 @@ def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monk
     assert trained.field.mesh.tet_count == trained.report["tet_count"]
 
 
+@pytest.mark.soak
 def test_without_view_dependence_all_sides_look_alike(ball_data):
     """The color of a sample is the same in all directions, and the ball is still learnt."""
     options = replace(SMALL, view_dependence=False)
@@ -139,6 +140,7 @@ def test_who_watches_a_run_neither_changes_it_nor_costs_it_time(ball_data, brief
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.soak
 def test_without_the_coarse_stage_the_whole_grid_learns(ball_data, monkeypatch, tmp_path):
     """One stage with all steps and levels; what it leaves is a model, and can be resumed."""
     options = replace(SMALL, leave_out=("coarse-stage",))
@@ -179,6 +181,7 @@ def test_a_tet_is_occupied_whole_if_any_of_its_subtets_is():
     assert stage.occupied.sum() == 2 * 64
 
 
+@pytest.mark.soak
 def test_without_dense_levels_a_ball_is_learnt_from_hashed_ones(ball_data, trained):
     options = replace(SMALL, leave_out=("dense-levels",))
     hashed = trainer.train(ball_data[0], options, "cpu", "ball").field

@@ -160,6 +160,8 @@ class Handles:
 
         Their patches are pinned, until they are dragged again, or let go by a click or a reset.
         """
+        if not self._posed:
+            return ()
         pinned = self._whole.solver.pinned
         return tuple(one for one in self._posed if pinned[self.corners(one)].all())
 

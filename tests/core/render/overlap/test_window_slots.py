@@ -58,7 +58,7 @@ def assert_is_defined(image, field, vertices, camera):
     assert off.mean() <= 0.8 and (off > 4.0).mean() <= 0.02
 
 
-@pytest.mark.parametrize("factor", [-3.0, 0.0, 4.0])
+@pytest.mark.parametrize("factor", [pytest.param(-3.0, marks=pytest.mark.soak), 0.0, 4.0])
 def test_a_camera_inside_a_fold_sees_the_defined_image(factor, make_ball_field, device):
     field = denser(make_ball_field(3, occupied_share=1.0, march_step=0.004), factor)
     vertices = folded(field)

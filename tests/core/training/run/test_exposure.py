@@ -114,7 +114,10 @@ def test_exposures_are_learned_and_the_model_is_better_for_it(monkeypatch):
     assert decibels[0] > decibels[1] + 0.4  # 0.8 to 1.7, by the random gains
 
 
-@pytest.mark.parametrize("spread, left", [(0.9 * SMALL_SPREAD, True), (SMALL_SPREAD, False)])
+@pytest.mark.parametrize(
+    "spread, left",
+    [pytest.param(0.9 * SMALL_SPREAD, True, marks=pytest.mark.soak), (SMALL_SPREAD, False)],
+)
 def test_exposures_that_hardly_differ_are_left_to_the_colors(tmp_path, monkeypatch, spread, left):
     """From stage 2 on, and in a run that is resumed there."""
     monkeypatch.setattr(optimization, "MOST_RAYS", 128)

@@ -44,6 +44,7 @@ def test_the_distortion_loss_can_be_left_out(run):
     assert Optimization(run.field, run.bank, without, run.has_alpha, 1, 1.0).distortion == 0.0
 
 
+@pytest.mark.soak
 def test_features_decay_more_at_finer_levels_and_no_other_weight(run):
     """Gradients are those of the term in loss.py."""
     run.set_ray_count(64)
