@@ -308,7 +308,7 @@ class App:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
         in_clips = self.scene.settings.handles_in_clips
         clips = clip_range(self.scene.orbit)
-        self.canvas.use(self.controls.size)
+        self.canvas.use(self.size)
         self.radiance.draw(camera, clips)
         beside = self.controls.covered.right * self.controls.ratio * keep
         self.mesh_layer.draw(camera, clips, round(beside))
