@@ -20,7 +20,6 @@ from .viewport import CLICK_SLACK
 ORBITS = {"alt": ALT, "ctrl": CTRL, "shift": SHIFT}  # of Settings.orbit_key
 PAUSED = "paused: it follows when time goes on (Space), by a step (.), or in Pose (N)"
 STAYS = "it stays there; a click on the golden point lets it go"
-NOTHING = "nothing to {}: select red points, or point at one"
 DOUBLE_CLICK = 0.4  # s between two presses at one place
 WIDER_PER_NOTCH = 1.15  # the grab radius, during a drag
 
@@ -287,7 +286,7 @@ class Bend(DragTool):
         elif self.spot is not None:
             self._grab_place()
         else:
-            self.told.say(NOTHING.format(kind))
+            self.told.say(drags.NOTHING.format(kind))
         if self.mode != "grab":
             return False
         self._hold(kind, self.view.pointer)

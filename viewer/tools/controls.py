@@ -6,17 +6,17 @@ image's: x to the right, y down.
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ..camera import zoomed
 from .bend import ORBITS, Bend
 from .bone_tool import JointTool, PoseTool
 from .brushes import DeleteBrush, Push, Soften, Stiffen
-from .camera_moves import CameraMove
 from .drag_keys import DragKeys
 from .gizmo import Part
 from .keys import LEFT, MIDDLE, RIGHT, SHIFT
 from .regions import DeleteBox, DeleteLasso, SelectBox, SelectLasso
-from .tool import Told, Tool
-from .under_mouse import nearest_zoom
+from .tool import CameraMove, Told, Tool
 from .viewport import Viewport
 
 KINDS_OF_TOOL = (  # in the order of their buttons
@@ -44,9 +44,8 @@ class Controls(DragKeys, Viewport):
         """
         super().__init__(scene.viewpoint, depth_image)
         self.scene, self.told = scene, Told(log, say)
-        made = (kind(self, self.told, scene) for kind in KINDS_OF_TOOL)
-        self.tools: dict[str, Tool] = {tool.name: tool for tool in made}
-        self._camera_move = CameraMove(self, self.told, scene)
+        self.tools: dict[str, Tool] = {kind.name: kind(self) for kind in KINDS_OF_TOOL}
+        self._camera_move = CameraMove(self)
         self.holder: Tool | None = None
         self.part: Part | None = None
         self.free = self.finishes = self._on_part = False
@@ -197,8 +196,8 @@ class Controls(DragKeys, Viewport):
         if (self.holder or self.tool).wheel(scroll_y):
             return
         anchor = self.surface_at(self.pixel(x, y))
-        nearest = nearest_zoom(self.camera, self.depth_image(), anchor, self.scene.size)
-        factor = max(ZOOM_PER_NOTCH**scroll_y, nearest)
+        nearest = 1.0 - self.gap(self.scene.size) / np.linalg.norm(anchor - self.camera.position)
+        factor = max(ZOOM_PER_NOTCH**scroll_y, nearest)  # inside the object, all is white
         self.viewpoint.orbit = zoomed(self.viewpoint.orbit, factor, anchor)
         self.told.log("zoom", distance=self.viewpoint.orbit.distance)
 

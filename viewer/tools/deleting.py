@@ -88,14 +88,6 @@ def widen_brush(settings, notches: float) -> None:
     settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
 
 
-def outline_of(mode: str, region):
-    """The pixels around a region that was drawn: a box's two corners, or a lasso.  [K, 2]"""
-    if mode != "box":
-        return region
-    (x0, y0), (x1, y1) = region
-    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-
-
 def said(cuts, delete) -> str:
     """Call a function that deletes, and say what came of it."""
     pins = cuts.state()["pins"]

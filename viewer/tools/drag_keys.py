@@ -6,12 +6,12 @@ Pixels are the image's, x to the right, y down.
 import numpy as np
 
 from .constraints import LONGEST_NUMBER, SCALE, TURN, number_of
+from .drags import NOTHING
 from .gizmo import RING_STEP, Gizmo, Part, part_at, parts_of
 from .keys import ALT, CTRL, OTHER_NAMES
 from .tool import DragTool
 
 FREE = "{}: the mouse, or a number; X Y Z: along an axis; click or Enter: done; Esc: back"
-NOTHING = "nothing to {}: select red points, or point at one"
 FLAT = 0.5  # the cosine of the least angle of a ring to the view at which the mouse goes around it
 LEAST_WAY = 40.0  # points for a radian
 OF_NUMBERS = {"MINUS", "PERIOD", "COMMA", "NUM_SUBTRACT", "NUM_DECIMAL"}  # keys, but for digits

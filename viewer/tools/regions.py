@@ -1,7 +1,7 @@
 """Tools that draw a box or a lasso: what is in it is selected, or deleted."""
 
 from ..camera import project, within
-from .deleting import Seen, outline_of, said
+from .deleting import Seen, said
 from .keys import CTRL, SHIFT
 from .tool import Tool
 
@@ -30,8 +30,11 @@ class Region(Tool):
 
     @property
     def outline(self):
-        """The pixels around it.  [K, 2]"""
-        return outline_of(self.shape, self.region)
+        """The pixels around it: a box's corners, or the lasso.  [K, 2]"""
+        if self.shape == "lasso":
+            return self.region
+        (x0, y0), (x1, y1) = self.region
+        return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
 class SelectRegion(Region):

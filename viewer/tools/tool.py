@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera import pick_sphere, visible
+from ..camera import camera_of, panned, pick_sphere, turned, visible
 
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 
@@ -39,9 +39,9 @@ class Tool:
     cross, waits, can_cancel = True, False, True
     gizmo = held_drag = None
 
-    def __init__(self, view, told: Told, scene):
-        """Take the Viewport, and the object that the tool acts on."""
-        self.view, self.told, self.scene = view, told, scene
+    def __init__(self, controls):
+        """Take the Controls: the picture, where to tell things, and what the tool acts on."""
+        self.view, self.told, self.scene = controls, controls.told, controls.scene
 
     # -- what is under the mouse ---------------------------------------------------------
 
@@ -95,6 +95,24 @@ class Tool:
     def end(self) -> None:
         """It no longer holds the mouse."""
         self.mode = ""
+
+
+class CameraMove(Tool):
+    """A drag that turns or moves the camera.  `mode` is "orbit" or "pan"."""
+
+    can_cancel = False
+
+    def move(self, before, pixel) -> bool:
+        view, pans = self.view, self.mode == "pan"
+        orbit, height = view.viewpoint.orbit, view.size[1]
+        if pans:
+            height *= view.camera.focal / camera_of(orbit, *view.size).focal
+        view.viewpoint.orbit = (panned if pans else turned)(orbit, *(pixel - before), height)
+        return True
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        orbit = self.view.viewpoint.orbit
+        self.told.log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
 
 
 class DragTool(Tool, ABC):
