@@ -283,12 +283,12 @@ def _film_of(scene, chosen, session, playing):
             seconds = path[-1].tick / TICKS_PER_SECOND
         elif most is None:
             seconds = chosen.turntable
-        clip = scene, chosen.clip, chosen.softness, seconds
+        clip = scene.rigging, chosen.clip, chosen.softness, seconds
         session, begin, seconds = clip_session(*clip)
         most = most or max(round(seconds * chosen.fps), 1)  # the next one would be the first again
         scene.settings.show_bones = False
     if chosen.timeline:
-        session, begin = with_timeline(scene, session, playing)
+        session, begin = with_timeline(playing(scene, session))
     film = Film(scene, session, chosen.fps, chosen.turntable, path, playing)
     film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
     if chosen.material is not None:

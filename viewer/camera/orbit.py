@@ -92,7 +92,7 @@ def turned_to(orbit: Orbit, yaw: float) -> Orbit:
 def panned(orbit: Orbit, dx: float, dy: float, height: int) -> Orbit:
     """After a drag by (dx, dy) pixels: the point at the target's depth follows the mouse."""
     per_pixel = 2.0 * orbit.distance * np.tan(0.5 * orbit.field_of_view) / max(height, 1)
-    axes = pose_of(orbit)[:3, :3]
+    axes = orbit.pose[:3, :3]
     return replace(orbit, target=orbit.target + per_pixel * (dy * axes[:, 1] - dx * axes[:, 0]))
 
 

@@ -33,11 +33,10 @@ class BoneTool(DragTool):
     """The tools "joints" and "bones".
 
     Attributes:
-        drag: What the button does.
         place: Where a joint that is dragged would go, or None.  [3]
     """
 
-    drag = place = None
+    place = None
     on_joints = False  # places joints, instead of posing bones
 
     # -- what is under the mouse ---------------------------------------------------------
@@ -209,10 +208,6 @@ class BoneTool(DragTool):
         """Whether a joint is the head of a bone that hangs on none: it can be moved in a pose."""
         parents = self.scene.rigging.skeleton.parents
         return joint.bone >= 0 and joint.end == HEAD and parents[joint.bone] < 0
-
-    @property
-    def held_drag(self):
-        return self.drag
 
     @property
     def drag_place(self):

@@ -43,7 +43,7 @@ class SelectRegion(Region):
     hint = "Draw around red points.  Shift adds, Ctrl removes, both intersect.  Esc: back to Bend"
 
     def release(self, pixel, clicked, modifiers) -> None:
-        handles, ids = self.scene.handles, self.scene.handles.control_ids
+        handles, ids = self.handles, self.handles.control_ids
         pixels, _ = project(self.view.camera, handles.at(ids))
         inside = self.shown(ids) & within(pixels, self.outline)
         handles.select(ids[inside], HOW[modifiers & (SHIFT | CTRL)])

@@ -42,6 +42,7 @@ class Tool:
     def __init__(self, controls):
         """Take the Controls: the picture, where to tell things, and what the tool acts on."""
         self.view, self.told, self.scene = controls, controls.told, controls.scene
+        self.handles = self.scene.handles
 
     # -- what is under the mouse ---------------------------------------------------------
 
@@ -50,9 +51,9 @@ class Tool:
         scene, view = self.scene, self.view
         if not scene.settings.show_handles:
             return None
-        ids = scene.handles.control_ids if ids is None else ids
+        ids = self.handles.control_ids if ids is None else ids
         surface = view.depth_image(), scene.handle_bias
-        places, slack = scene.handles.at(ids), PICK_SLACK * view.ratio
+        places, slack = self.handles.at(ids), PICK_SLACK * view.ratio
         found = pick_sphere(view.camera, pixel, places, scene.handle_radius, slack, *surface)
         return None if found is None else int(ids[found])
 
@@ -61,7 +62,7 @@ class Tool:
         scene, view = self.scene, self.view
         if not scene.settings.show_handles:
             return np.zeros(len(ids), bool)
-        return visible(view.camera, scene.handles.at(ids), view.depth_image(), scene.handle_bias)
+        return visible(view.camera, self.handles.at(ids), view.depth_image(), scene.handle_bias)
 
     # -- the mouse -----------------------------------------------------------------------
 
@@ -116,7 +117,13 @@ class CameraMove(Tool):
 
 
 class DragTool(Tool, ABC):
-    """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo."""
+    """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo.
+
+    Attributes:
+        drag: What the button does, a Drag or a kind of its own.
+    """
+
+    drag = None
 
     @property
     @abstractmethod
@@ -133,9 +140,9 @@ class DragTool(Tool, ABC):
         """Whether something is there that comes before the gizmo: a red point, or a joint."""
 
     @property
-    @abstractmethod
     def held_drag(self):
         """The Drag or BoneDrag in progress, or None."""
+        return self.drag
 
     @property
     @abstractmethod

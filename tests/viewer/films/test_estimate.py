@@ -44,7 +44,7 @@ def at_once(monkeypatch):
 def film_of(ball, session, playing, timeline):
     scene, first = Scene(ball, "ball", "cpu"), 0
     if timeline:
-        session, first = with_timeline(scene, session, playing)
+        session, first = with_timeline(playing(scene, session))
     film = Film(scene, session, 30, playing=playing)
     film.cut(first, None)
     return film

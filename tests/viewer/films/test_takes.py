@@ -87,7 +87,7 @@ def film_frames(path):
 def test_a_take_is_made_into_a_film(taken, tmp_path, capfd):
     """From the two presses of F9 on; the viewer draws frames meanwhile."""
     takes = taken.takes
-    assert (takes.take.first, takes.take.last, takes.take.seconds) == (20, 50, 0.5)
+    assert takes.take == (20, 50) and takes.film_seconds("take") == 0.5
     assert takes.asking and not takes.recording and taken.recorder.video is None
     frames(taken)  # the window can be drawn
     takes.start_film()
