@@ -135,6 +135,14 @@ def facing(orbit: Orbit, axes) -> Orbit:
     return replace(orbit, yaw=float(yaw), pitch=float(pitch), roll=float(roll))
 
 
+def looking_from(orbit: Orbit, pose, center) -> Orbit:
+    """From a camera's pose [4, 4], about the point of its axis at the depth of a center [3]."""
+    eye, backward = pose[:3, 3], pose[:3, 2]
+    distance = float(np.clip((eye - center) @ backward, CLOSEST, FARTHEST))
+    seen = replace(orbit, target=eye - distance * backward, distance=distance)
+    return facing(seen, pose[:3, :3])
+
+
 def with_up(orbit: Orbit, up) -> Orbit:
     """Another direction is up: the same direction of view, level, and not steeper than a drag."""
     up = tuple(float(x) for x in up)

@@ -282,20 +282,12 @@ class Bend(DragTool):
             self.told.say(drags.NOTHING.format(kind))
         if self.mode != "grab":
             return False
-        self._hold(kind, self.view.pointer)
-        return True
-
-    def take_part(self, kind) -> bool:
-        self._grab_selected()
-        self._hold(kind, self.view.press_at)
-        return True
-
-    def _hold(self, kind, pixel):
-        """Let what was grabbed go by its middle from now on, which the mouse has at a pixel [2]."""
-        motion, drag = self.handles.grabbed.target, self.drag
+        # From now on the mouse has it by its middle.
+        motion, drag, pixel = self.handles.grabbed.target, self.drag, self.view.press_at
         middle = motion.place + motion.center
         drag.anchor, drag.miss = motion.center, drags.miss_of(self.view.camera, pixel, middle)
         drag.begin(kind, motion, pixel)
+        return True
 
     def turn_into(self, kind) -> None:
         motion, drag, view = self.handles.grabbed.target, self.drag, self.view

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...wings.rig import reach, turned
-from ..camera import project, ray
+from ..camera import away_from_lines, project, ray
 from ..document import HEAD, TAIL, Joint, Matter
 from .constraints import MOVE, SCALE, TURN
 from .drags import BEHIND, Drag, is_ahead, miss_of
@@ -60,11 +60,7 @@ class BoneTool(DragTool):
         ends = self.scene.posing.ends
         heads, _ = project(camera, ends[:, 0])
         tails, _ = project(camera, ends[:, 1])
-        along = tails - heads
-        length = np.maximum((along**2).sum(axis=1), 1e-12)
-        share = np.clip(((pixel - heads) * along).sum(axis=1) / length, 0.0, 1.0)
-        away = np.linalg.norm(heads + share[:, None] * along - pixel, axis=1)
-        away = np.nan_to_num(away, nan=np.inf)
+        away = np.nan_to_num(away_from_lines(pixel, heads, tails), nan=np.inf)
         if not len(away) or away.min() > PICK * ratio:
             return None
         bone = int(away.argmin())
@@ -81,13 +77,6 @@ class BoneTool(DragTool):
         return True
 
     def take(self, kind) -> bool:
-        return self._take(self.view.pointer, kind)
-
-    def take_part(self, kind) -> bool:
-        return self._take(self.view.press_at, kind)
-
-    def _take(self, pixel, kind):
-        """Take what is chosen, which the mouse has at a pixel [2]; whether that can be."""
         joint, on_joints = self._chosen, self.on_joints
         what = "joint" if on_joints else "bone"
         if joint is None or (joint.bone < 0 and not on_joints):
@@ -101,7 +90,7 @@ class BoneTool(DragTool):
         if not is_ahead(self.view.camera, joint.place):
             self.told.say(BEHIND)
             return False
-        self._begin(pixel, joint, kind)
+        self._begin(self.view.press_at, joint, kind)
         return True
 
     def _begin(self, pixel, joint, kind):

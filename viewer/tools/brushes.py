@@ -1,7 +1,9 @@
 """Tools that act on what the mouse passes: they push it, make it stiffer or softer, or delete."""
 
+import numpy as np
+
 from ..camera import onto_view_plane, project, ray
-from .deleting import BRUSH, Seen, Stroke, said, widen_brush
+from .deleting import BRUSH, Seen, said, widen_brush
 from .keys import SHIFT
 from .tool import Tool
 
@@ -89,7 +91,9 @@ class DeleteBrush(Tool):
         "Drag over what is to go, a layer a stroke.  Shift: all through.  Wheel: size.  Esc: back"
     )
 
-    _stroke: Stroke | None = None
+    _seen: Seen | None = None  # what there was as the stroke began
+    _through = False  # whether it takes all that is behind, too
+    _taken = _masks = None  # so far: whether of each sub-tet that was seen, and as masks
 
     @property
     def radius(self) -> float:
@@ -97,16 +101,21 @@ class DeleteBrush(Tool):
         return self.scene.settings.brush_radius * self.view.ratio
 
     def press(self, pixel, modifiers) -> bool:
-        through, view = bool(modifiers & SHIFT), self.view
-        seen = Seen(self.scene.cuts.field, self.scene.positions, view.camera, view.depth_image())
-        stroke = Stroke(self.scene.cuts, seen, through)
-        if not stroke.touches(pixel, self.radius):
+        scene, view = self.scene, self.view
+        seen = Seen(scene.cuts.field, scene.positions, view.camera, view.depth_image())
+        if not len(seen.near(pixel, pixel, self.radius)):
             return False
-        self._stroke, self.mode = stroke, "delete"
+        self._seen, self._through, self.mode = seen, bool(modifiers & SHIFT), "delete"
+        self._taken, self._masks = np.zeros(len(seen.tets), bool), np.uint64(0)
         return self.move(pixel, pixel)
 
     def move(self, before, pixel) -> bool:
-        self._stroke.move(before, pixel, self.radius)
+        under = self._seen.near(before, pixel, self.radius)
+        under = under[~self._taken[under] & (self._through | self._seen.in_front[under])]
+        if len(under):
+            self._taken[under] = True
+            self._masks = self._masks | self._seen.masks(under)
+            self.scene.cuts.show_preview(self._masks)
         return True
 
     def release(self, pixel, clicked, modifiers) -> None:
@@ -122,4 +131,4 @@ class DeleteBrush(Tool):
         self.scene.cuts.show_preview(None)
 
     def end(self) -> None:
-        self.mode, self._stroke = "", None
+        self.mode, self._seen = "", None

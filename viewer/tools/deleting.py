@@ -10,7 +10,7 @@ Shapes: N sub-tets that are left.
 import numpy as np
 
 from ...core.field import subtet_corners, unpack_mask
-from ..camera import depth_at, project, within
+from ..camera import away_from_lines, depth_at, project, within
 from ..document import masks_of
 from ..settings import DELETING
 
@@ -43,12 +43,9 @@ class Seen:
         """Which are within a radius [pixels] of the way from one pixel to another.  ids"""
         start, end = np.asarray(start, float), np.asarray(end, float)
         low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
-        (x, y), way = self.pixels.T, end - start
+        x, y = self.pixels.T
         ids = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
-        offsets = self.pixels[ids] - start
-        along = np.clip(offsets @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-        missed = offsets - along[:, None] * way
-        return ids[(missed**2).sum(axis=1) <= radius**2]
+        return ids[away_from_lines(self.pixels[ids], start, end) <= radius]
 
     def inside(self, outline):
         """Which are inside a closed outline of pixels [K, 2], in the view.  [N] bool"""
@@ -57,29 +54,6 @@ class Seen:
     def masks(self, chosen):
         """These, ids or [N] bool, as masks.  [T] uint64"""
         return masks_of(self.tets[chosen], self.subtets[chosen], self._count)
-
-
-class Stroke:
-    """A stroke of the brush, which shows at once what it takes."""
-
-    def __init__(self, cuts, seen: Seen, through: bool):
-        """`through` takes all that is behind, too."""
-        self._cuts, self._seen, self._through = cuts, seen, through
-        self._taken = np.zeros(len(seen.tets), bool)
-        self._masks = np.uint64(0)  # of these
-
-    def touches(self, pixel, radius: float) -> bool:
-        """Whether anything is under the brush."""
-        return len(self._seen.near(pixel, pixel, radius)) > 0
-
-    def move(self, start, end, radius: float) -> None:
-        """Take what is under the brush on its way."""
-        under = self._seen.near(start, end, radius)
-        under = under[~self._taken[under] & (self._through | self._seen.in_front[under])]
-        if len(under):
-            self._taken[under] = True
-            self._masks = self._masks | self._seen.masks(under)
-            self._cuts.show_preview(self._masks)
 
 
 def widen_brush(settings, notches: float) -> None:

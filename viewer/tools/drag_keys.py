@@ -114,7 +114,7 @@ class DragKeys:
         """Begin the drag of the part of the gizmo on which the button went down."""
         tool, part, self._on_part = self.tool, self.part, False
         gizmo = tool.gizmo
-        if gizmo is None or not tool.take_part(gizmo.kind):  # a key took the selection away
+        if gizmo is None or not tool.take(gizmo.kind):  # a key took the selection away
             return
         self.holder = tool
         held = self.held_drag.held

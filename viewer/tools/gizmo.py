@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ..camera import pixels_per_unit, project, within
+from ..camera import away_from_lines, pixels_per_unit, project, within
 from .constraints import SCALE, TURN
 
 LENGTH = 80.0  # points, of an arrow across the view
@@ -56,11 +56,7 @@ class Part:
         """How far a pixel is from it; 0 inside a square [pixels]."""
         if self.across and within(np.array([pixel]), self.line)[0]:
             return 0.0
-        starts, ways = self.line[:-1], np.diff(self.line, axis=0)
-        offsets = pixel - starts
-        lengths = np.maximum((ways**2).sum(axis=1), 1e-12)
-        share = np.clip((offsets * ways).sum(axis=1) / lengths, 0.0, 1.0)
-        return float(np.linalg.norm(offsets - share[:, None] * ways, axis=1).min())
+        return float(away_from_lines(pixel, self.line[:-1], self.line[1:]).min())
 
 
 def parts_of(gizmo: Gizmo, camera, ratio: float) -> list[Part]:

@@ -151,11 +151,10 @@ class DragTool(Tool, ABC):
 
     @abstractmethod
     def take(self, kind: str) -> bool:
-        """Take what is chosen, else what is under the mouse, without a button; whether it can."""
+        """Take what is chosen, else what is under the mouse, where it was pressed; whether it can.
 
-    @abstractmethod
-    def take_part(self, kind: str) -> bool:
-        """Take what is chosen where the button went down on the gizmo; whether it can."""
+        A button is down on the gizmo, or none is.
+        """
 
     @abstractmethod
     def turn_into(self, kind: str) -> None:
