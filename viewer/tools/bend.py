@@ -42,8 +42,8 @@ class Bend(DragTool):
     _before = -np.inf, np.zeros(2)  # when and where a button went down before
 
     def hover(self, pixel) -> None:
-        control = self.pick(pixel)
-        pin = self.pick(pixel, self.handles.pin_ids) if control is None else None
+        control = self.view.pick(pixel)
+        pin = self.view.pick(pixel, self.handles.pin_ids) if control is None else None
         self.handles.hover = found = pin if control is None else control
         self.spot = self._place_under(pixel) if found is None else None
 
@@ -60,9 +60,9 @@ class Bend(DragTool):
 
     def press(self, pixel, modifiers) -> bool:
         settings = self.scene.settings
-        handle, self.spot = self.pick(pixel), None
+        handle, self.spot = self.view.pick(pixel), None
         if handle is None:
-            self._pin = self.pick(pixel, self.handles.pin_ids)
+            self._pin = self.view.pick(pixel, self.handles.pin_ids)
             if self._pin is None and self._is_second(pixel):
                 return self._add_point(pixel)
             if self._pin is None and not modifiers & ORBITS[settings.orbit_key]:
@@ -88,13 +88,13 @@ class Bend(DragTool):
         if not self._has_room() or point is None:
             return False
         self._picked, self.mode = self.handles.add_point(point), "pick"
-        self.told.log("add_point", vertex=self._picked, position=point)
+        self.view.log("add_point", vertex=self._picked, position=point)
         return True
 
     def _has_room(self):
         """Whether there can be another control point."""
         if len(self.handles.points) >= MOST_ADDED:
-            self.told.say(f"{MOST_ADDED} red points are the most")
+            self.view.say(f"{MOST_ADDED} red points are the most")
             return False
         return True
 
@@ -126,7 +126,7 @@ class Bend(DragTool):
     def click(self, pixel) -> None:
         if self.handles.selected:
             self.handles.select([])
-            self.told.log("select", vertices=[])
+            self.view.log("select", vertices=[])
 
     def _end_click(self, modifiers):
         """A click on a handle: a posed one is let go, any other one selected."""
@@ -137,20 +137,20 @@ class Bend(DragTool):
             return
         if alone:
             self.handles.select([self._picked])
-        self.told.log("select", vertices=self.handles.selected)
+        self.view.log("select", vertices=self.handles.selected)
 
     def wheel(self, notches) -> bool:
         if self.mode != "grab" or self.handles.grabbed is None:
             return False
         self.handles.widen(WIDER_PER_NOTCH**notches)
-        self.told.say(f"grab radius {self.scene.settings.grab_radius:.2f} of the size")
+        self.view.say(f"grab radius {self.scene.settings.grab_radius:.2f} of the size")
         return True
 
     def cancel(self) -> None:
         if self.mode == "grab" and self.handles.grabbed is not None:
             vertex = self._vertex
             self.handles.cancel()
-            self.told.log("cancel", vertex=vertex)
+            self.view.log("cancel", vertex=vertex)
 
     def end(self) -> None:
         self.mode, self.drag, self.spot = "", None, None
@@ -191,8 +191,8 @@ class Bend(DragTool):
         view.pointer = view.press_at
         self.mode = "grab"
         if scene.paused and scene.settings.hand != "pose":
-            self.told.say(PAUSED)
-        self.told.log("grab", vertex=handle, position=self._place(handle), pixel=center)
+            self.view.say(PAUSED)
+        self.view.log("grab", vertex=handle, position=self._place(handle), pixel=center)
 
     def finish(self) -> None:
         if self.handles.grabbed is not None:
@@ -200,9 +200,9 @@ class Bend(DragTool):
             position = self._place(vertex)
             self.handles.let_go()
             if vertex in self.handles.posed:
-                self.told.say(STAYS)
+                self.view.say(STAYS)
             self.scene.settings.has_dragged = True
-            self.told.log("release", vertex=vertex, position=position)
+            self.view.log("release", vertex=vertex, position=position)
 
     def pin(self) -> bool:
         """Pin what is held, where it is; else what is selected or under the mouse."""
@@ -210,16 +210,16 @@ class Bend(DragTool):
             if self.handles.grabbed is not None:
                 vertex = self._vertex
                 self.handles.pin_grab()
-                self.told.log("pin", vertex=vertex, position=self._place(vertex))
+                self.view.log("pin", vertex=vertex, position=self._place(vertex))
             return True
         chosen = self.handles.selected or [one for one in [self.handles.hover] if one is not None]
         if not chosen:
-            self.told.say("nothing to pin: select red points, or point at one")
+            self.view.say("nothing to pin: select red points, or point at one")
             return False
         handles = self.handles
         free = [one for one in chosen if one in handles.posed or not handles.is_pinned(one)]
         self.handles.set_pins(free or chosen, bool(free))
-        self.told.log("pin" if free else "free", vertex=chosen[0])
+        self.view.log("pin" if free else "free", vertex=chosen[0])
         return False
 
     def _place(self, handle):
@@ -227,7 +227,7 @@ class Bend(DragTool):
 
     def _set_pin(self, vertex, pinned):
         self.handles.set_pin(vertex, pinned)
-        self.told.log("pin" if pinned else "free", vertex=vertex)
+        self.view.log("pin" if pinned else "free", vertex=vertex)
 
     # -- by keys and by the gizmo --------------------------------------------------------
 
@@ -241,7 +241,7 @@ class Bend(DragTool):
         return Gizmo(settings.gizmo, self.handles.at(ids).mean(axis=0), axes)
 
     def has_before_gizmo(self, pixel) -> bool:
-        return self.pick(pixel) is not None
+        return self.view.pick(pixel) is not None
 
     def _axes(self):
         """What has become of model space's axes where the selection is, in columns.  [3, 3]"""
@@ -271,7 +271,7 @@ class Bend(DragTool):
     def take(self, kind) -> bool:
         chosen = self.handles.takeable if self.scene.settings.show_handles else []
         if chosen and not drags.is_ahead(self.view.camera, self.handles.at(chosen).mean(axis=0)):
-            self.told.say(drags.BEHIND)
+            self.view.say(drags.BEHIND)
         elif chosen:
             self._grab_selected()
         elif self.handles.hover in self.handles.control_ids:
@@ -279,7 +279,7 @@ class Bend(DragTool):
         elif self.spot is not None:
             self._grab_place()
         else:
-            self.told.say(drags.NOTHING.format(kind))
+            self.view.say(drags.NOTHING.format(kind))
         if self.mode != "grab":
             return False
         # From now on the mouse has it by its middle.

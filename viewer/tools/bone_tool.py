@@ -80,15 +80,15 @@ class BoneTool(DragTool):
         joint, on_joints = self._chosen, self.on_joints
         what = "joint" if on_joints else "bone"
         if joint is None or (joint.bone < 0 and not on_joints):
-            self.told.say(f"nothing to {kind}: choose a {what} by a click")
+            self.view.say(f"nothing to {kind}: choose a {what} by a click")
             return False
         if kind == SCALE or (kind == TURN and on_joints):
-            self.told.say(f"{kind}: not with a {what}")
+            self.view.say(f"{kind}: not with a {what}")
             return False
         if not on_joints and not (kind == MOVE and self._is_root(joint)):
             joint = Joint(joint.bone, TAIL, self.scene.posing.ends[joint.bone, 1])
         if not is_ahead(self.view.camera, joint.place):
-            self.told.say(BEHIND)
+            self.view.say(BEHIND)
             return False
         self._begin(self.view.press_at, joint, kind)
         return True
@@ -118,12 +118,12 @@ class BoneTool(DragTool):
             return
         if drag.before is None:
             if drag.joint.end == HEAD and not self._is_root(drag.joint):
-                self.told.say("this head stays where it is: drag a bone, or a tip")
+                self.view.say("this head stays where it is: drag a bone, or a tip")
                 self.drag = None
                 return
             scene.posing.hold_bone(drag.joint.bone)
             drag.before = scene.posing.current
-            self.told.log("hold_bone", bone=drag.joint.bone, kind=drag.kind)
+            self.view.log("hold_bone", bone=drag.joint.bone, kind=drag.kind)
         if not scene.posing.drives:  # a reset lets go while the button is still down
             return
         skeleton, bone = scene.rigging.skeleton, drag.joint.bone
@@ -148,12 +148,12 @@ class BoneTool(DragTool):
         rigging, drag = self.scene.rigging, self.drag
         if self.place is not None:
             rigging.move_joint(drag.joint.bone, drag.joint.end, self.place)
-            self.told.log("move_joint", bone=drag.joint.bone, end=drag.joint.end, to=self.place)
+            self.view.log("move_joint", bone=drag.joint.bone, end=drag.joint.end, to=self.place)
         elif drag is not None and drag.before is not None:
             self.scene.posing.follow()
-            self.told.log("pose", bone=drag.joint.bone)
+            self.view.log("pose", bone=drag.joint.bone)
         elif drag is not None:
-            self.told.log("select_joint", bone=drag.joint.bone, end=drag.joint.end)
+            self.view.log("select_joint", bone=drag.joint.bone, end=drag.joint.end)
 
     def end(self) -> None:
         self.mode, self.drag, self.place = "", None, None
@@ -210,10 +210,10 @@ class BoneTool(DragTool):
         """Let the drag in progress turn the bone, or reach with its tip."""
         drag, scene, pixel = self.drag, self.scene, self.view.pointer
         if kind == SCALE or drag.joint.bone < 0 or drag.moves_joint:
-            self.told.say(f"{kind}: not with a bone or a joint")
+            self.view.say(f"{kind}: not with a bone or a joint")
             return
         if drag.joint.end != TAIL:
-            self.told.say("a bone's body turns it")
+            self.view.say("a bone's body turns it")
             return
         now = drag.before
         if now is not None:
@@ -257,7 +257,7 @@ class JointTool(BoneTool):
         moved = abs(scene.positions - scene.field.mesh.rest_vertices).max()
         if moved > AWAY * scene.size:
             scene.reset()
-            self.told.say("joints are placed on the object at rest, where it is now: click again")
+            self.view.say("joints are placed on the object at rest, where it is now: click again")
             return
         surface = self.view.surface_at(pixel, beside=False)
         if surface is None:
@@ -268,11 +268,11 @@ class JointTool(BoneTool):
         start, way = ray(self.view.camera, pixel)
         found = self._matter[1].middle(start, way, float((surface - start) @ way))
         if found is None:
-            self.told.say("there is nothing solid under the mouse")
+            self.view.say("there is nothing solid under the mouse")
             return
         try:
             scene.rigging.add_joint(found[0])
         except ValueError as error:  # there are too many
-            self.told.say(str(error))
+            self.view.say(str(error))
             return
-        self.told.log("joint", place=found[0], bones=scene.rigging.bone_count)
+        self.view.log("joint", place=found[0], bones=scene.rigging.bone_count)

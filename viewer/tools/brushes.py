@@ -3,10 +3,12 @@
 import numpy as np
 
 from ..camera import onto_view_plane, project, ray
-from .deleting import BRUSH, Seen, said, widen_brush
+from .deleting import BRUSH, Seen, said
 from .keys import SHIFT
 from .tool import Tool
 
+BRUSH_RADII = 4.0, 300.0  # points
+WIDER_PER_NOTCH = 1.15  # of the brush
 PAUSED_BALL = "paused: the ball pushes when time goes on (Space), or by a step (.)"
 
 
@@ -24,11 +26,11 @@ class Push(Tool):
         if scene.timeline.stands:  # at a pose of the timeline: a hand lets time go on
             scene.paused = False
         if scene.paused:
-            self.told.say(PAUSED_BALL)
+            self.view.say(PAUSED_BALL)
         scene.push(point, -ray(self.view.camera, pixel)[1])
         (center,), _ = project(self.view.camera, scene.ball.target[None])
         self._miss, self.mode = pixel - center, "push"
-        self.told.log("push", position=scene.ball.target)
+        self.view.log("push", position=scene.ball.target)
         return True
 
     def move(self, before, pixel) -> bool:
@@ -40,7 +42,7 @@ class Push(Tool):
 
     def release(self, pixel, clicked, modifiers) -> None:
         self.scene.end_push()
-        self.told.log("end_push")
+        self.view.log("end_push")
 
     def cancel(self) -> None:
         self.scene.end_push()
@@ -63,7 +65,7 @@ class Paint(Tool):
         return True
 
     def release(self, pixel, clicked, modifiers) -> None:
-        self.told.log("paint", factors=self.scene.body.factors is not None)
+        self.view.log("paint", factors=self.scene.body.factors is not None)
 
 
 class Stiffen(Paint):
@@ -120,11 +122,13 @@ class DeleteBrush(Tool):
 
     def release(self, pixel, clicked, modifiers) -> None:
         cuts = self.scene.cuts
-        self.told.say(said(cuts, cuts.keep_preview))
-        self.told.log("delete", left=int(cuts.kept.sum()))
+        self.view.say(said(cuts, cuts.keep_preview))
+        self.view.log("delete", left=int(cuts.kept.sum()))
 
     def wheel(self, notches) -> bool:
-        widen_brush(self.scene.settings, notches)
+        settings = self.scene.settings
+        radius = settings.brush_radius * WIDER_PER_NOTCH**notches
+        settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
         return True
 
     def cancel(self) -> None:

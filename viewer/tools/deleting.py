@@ -15,8 +15,6 @@ from ..document import masks_of
 from ..settings import DELETING
 
 BRUSH = DELETING[0]
-BRUSH_RADII = 4.0, 300.0  # points
-WIDER_PER_NOTCH = 1.15
 LAYER = 0.5  # edges of a tet, that a stroke takes below the surface
 
 
@@ -54,12 +52,6 @@ class Seen:
     def masks(self, chosen):
         """These, ids or [N] bool, as masks.  [T] uint64"""
         return masks_of(self.tets[chosen], self.subtets[chosen], self._count)
-
-
-def widen_brush(settings, notches: float) -> None:
-    """Make the brush larger, or smaller if there are fewer than 0 notches of the wheel."""
-    radius = settings.brush_radius * WIDER_PER_NOTCH**notches
-    settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
 
 
 def said(cuts, delete) -> str:

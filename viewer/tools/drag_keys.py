@@ -68,22 +68,22 @@ class DragKeys:
         """Move, turn or scale what is chosen, or under the mouse, until a click or Enter."""
         tool = self.tool
         if self.mode:
-            self.told.say(f"{kind}: while you drag a red point")
+            self.say(f"{kind}: while you drag a red point")
         elif not isinstance(tool, DragTool):
-            self.told.say(NOTHING.format(kind))
+            self.say(NOTHING.format(kind))
         else:
             self.press_at = self.pointer
             if tool.take(kind):
                 self.holder, self.free = tool, True
-                self.told.say(FREE.format(kind))
+                self.say(FREE.format(kind))
 
     def apply(self, text: str, axis: int) -> None:
         """Do at once what the gizmo does, by a number along an axis or about it."""
         gizmo, number = self.tool.gizmo, number_of(text)
         if number is None:
-            self.told.say(f"{text[:LONGEST_NUMBER]!r} is no number")
+            self.say(f"{text[:LONGEST_NUMBER]!r} is no number")
         elif gizmo is not None and gizmo.kind == SCALE and number <= 0.0:
-            self.told.say("a factor is more than 0")
+            self.say("a factor is more than 0")
         elif gizmo is not None and not self.mode:
             self._begin_free(gizmo.kind)
         if self.free and self.held_drag is not None:

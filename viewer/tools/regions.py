@@ -45,10 +45,10 @@ class SelectRegion(Region):
     def release(self, pixel, clicked, modifiers) -> None:
         handles, ids = self.handles, self.handles.control_ids
         pixels, _ = project(self.view.camera, handles.at(ids))
-        inside = self.shown(ids) & within(pixels, self.outline)
+        inside = self.view.shown(ids) & within(pixels, self.outline)
         handles.select(ids[inside], HOW[modifiers & (SHIFT | CTRL)])
         self.scene.settings.tool = "grab"
-        self.told.log("select", vertices=handles.selected)
+        self.view.log("select", vertices=handles.selected)
 
 
 class SelectBox(SelectRegion):
@@ -74,8 +74,8 @@ class DeleteRegion(Region):
         cuts, others = self.scene.cuts, bool(modifiers & CTRL)
         seen = Seen(cuts.field, self.scene.positions, self.view.camera, None)
         chosen = seen.inside(self.outline)
-        self.told.say(said(cuts, lambda: cuts.delete(seen.masks(chosen != others))))
-        self.told.log("delete", left=int(cuts.kept.sum()))
+        self.view.say(said(cuts, lambda: cuts.delete(seen.masks(chosen != others))))
+        self.view.log("delete", left=int(cuts.kept.sum()))
 
 
 class DeleteBox(DeleteRegion):

@@ -5,22 +5,8 @@ drag is the camera's.  Pixels are the image's.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
 
-import numpy as np
-
-from ..camera import camera_of, panned, pick_sphere, turned, visible
-
-PICK_SLACK = 5.0  # points around a sphere that still count as on it
-
-
-@dataclass
-class Told:
-    """Where tools tell what they do."""
-
-    log: Callable  # the event log
-    say: Callable  # shows a message to the user
+from ..camera import camera_of, panned, turned
 
 
 class Tool:
@@ -41,28 +27,8 @@ class Tool:
 
     def __init__(self, controls):
         """Take the Controls: the picture, where to tell things, and what the tool acts on."""
-        self.view, self.told, self.scene = controls, controls.told, controls.scene
+        self.view, self.scene = controls, controls.scene
         self.handles = self.scene.handles
-
-    # -- what is under the mouse ---------------------------------------------------------
-
-    def pick(self, pixel, ids=None) -> int | None:
-        """The handle whose sphere shows there, of these (default: those that can be dragged)."""
-        scene, view = self.scene, self.view
-        if not scene.settings.show_handles:
-            return None
-        ids = self.handles.control_ids if ids is None else ids
-        surface = view.depth_image(), scene.handle_bias
-        places, slack = self.handles.at(ids), PICK_SLACK * view.ratio
-        found = pick_sphere(view.camera, pixel, places, scene.handle_radius, slack, *surface)
-        return None if found is None else int(ids[found])
-
-    def shown(self, ids):
-        """Whether each of these vertices has a sphere in sight.  [len(ids)] bool"""
-        scene, view = self.scene, self.view
-        if not scene.settings.show_handles:
-            return np.zeros(len(ids), bool)
-        return visible(view.camera, self.handles.at(ids), view.depth_image(), scene.handle_bias)
 
     # -- the mouse -----------------------------------------------------------------------
 
@@ -113,7 +79,7 @@ class CameraMove(Tool):
 
     def release(self, pixel, clicked, modifiers) -> None:
         orbit = self.view.viewpoint.orbit
-        self.told.log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
+        self.view.log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
 
 
 class DragTool(Tool, ABC):
