@@ -73,7 +73,7 @@ class FrameWriter:
             if self.partial.exists() or not self._named:
                 self._settle()
                 self._named = True
-                os.replace(self.partial, self._target)
+                self.partial.replace(self._target)
         except OSError as error:  # its folder was deleted, say
             lost = self._discard()
             raise RuntimeError(f"can't write {self.path}: {error.strerror}{lost}") from error

@@ -283,15 +283,13 @@ class Bend(DragTool):
         if self.mode != "grab":
             return False
         # From now on the mouse has it by its middle.
-        motion, drag, pixel = self.handles.grabbed.target, self.drag, self.view.press_at
-        middle = motion.place + motion.center
-        drag.anchor, drag.miss = motion.center, drags.miss_of(self.view.camera, pixel, middle)
-        drag.begin(kind, motion, pixel)
+        self.drag.anchor = self.handles.grabbed.target.center
+        self._go_on(kind, self.view.press_at)
         return True
 
     def turn_into(self, kind) -> None:
-        motion, drag, view = self.handles.grabbed.target, self.drag, self.view
-        kind = MOVE if drag.kind == kind else kind
-        drag.begin(kind, motion, view.pointer)
-        if kind == MOVE:
-            drag.miss = drags.miss_of(view.camera, view.pointer, motion.place + drag.anchor)
+        self._go_on(MOVE if self.drag.kind == kind else kind, self.view.pointer)
+
+    def _go_on(self, kind, pixel):
+        motion, drag = self.handles.grabbed.target, self.drag
+        drag.begin(kind, motion, self.view.camera, pixel, motion.place + drag.anchor)

@@ -220,8 +220,8 @@ class BoneTool(DragTool):
             scene.posing.follow()
             now = scene.posing.current
         drag.joint = Joint(drag.joint.bone, TAIL, scene.posing.ends[drag.joint.bone, 1])
-        drag.miss = miss_of(self.view.camera, pixel, drag.joint.place)
-        drag.begin(MOVE if drag.kind == kind == TURN else kind, now, pixel)
+        kind = MOVE if drag.kind == kind == TURN else kind
+        drag.begin(kind, now, self.view.camera, pixel, drag.joint.place)
 
     def delete(self) -> bool:
         """Delete the chosen joint; whether there was one."""

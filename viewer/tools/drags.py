@@ -43,10 +43,15 @@ class Drag:
         """Whether it moves freely: there are no axis and no amount to show."""
         return self.kind == MOVE and self.held.axis is None and not self.held.text
 
-    def begin(self, kind: str, now, pixel) -> None:
-        """Go on in another way from where the mouse and what is held are now."""
+    def begin(self, kind: str, now, camera, pixel, place) -> None:
+        """Go on in another way from where the mouse and what is held are now.
+
+        Args:
+            now: What `before` says from now on.
+            place: What follows the mouse.  [3]
+        """
         self.kind, self.press, self.angle = kind, np.array(pixel, float), 0.0
-        self.before, self.amount = now, None
+        self.before, self.amount, self.miss = now, None, miss_of(camera, pixel, place)
         self.held.text, self.held.tangent = "", None
 
     def led(self, camera, pixel, start, now, size: float) -> np.ndarray:

@@ -10,7 +10,6 @@ from deformrf.viewer.document import Scene, masks_of
 from deformrf.viewer.document import state_of as whole_state
 from deformrf.viewer.document.history.undo import _same
 from deformrf.viewer.tools import CTRL, SHIFT, brushes
-from deformrf.viewer.tools import deleting as d
 
 
 def state_of(scene):
