@@ -22,4 +22,3 @@ from .codecs import encoder as encoder
 from .estimate import Hurry as Hurry, render_seconds as render_seconds
 from .film import Film as Film, clip_session as clip_session, with_timeline as with_timeline
 from .film_maker import FilmMaker as FilmMaker, FilmOptions as FilmOptions
-from .still import strike as strike

@@ -8,6 +8,7 @@ noted only some of them.
 import math
 from bisect import bisect_right
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 
@@ -24,10 +25,12 @@ from ..document import (
     Session,
     SessionError,
     begin_anew,
+    load_session,
     orbit_at,
     play_patiently,
 )
 from .sight import seen_by, without_lens
+from .still import load_vertices
 
 ROUNDING = 1e-6  # ticks
 CLOSE = 20  # ticks between two views of one move
@@ -151,6 +154,7 @@ class Film:
             SessionError: The session can't be played.
         """
         self.scene, self.fps, self._turn, self._path = scene, fps, turn, path
+        self._playing = playing
         self._player = None if session is None else playing(scene, session)
         self._home = scene.orbit
         self._views = None if session is None else Views(session, scene.orbit)
@@ -158,6 +162,28 @@ class Film:
         self.first, self.last = 0, self._ticks  # that are shown
         # Of ticks, for the times between: vertices [V, 3], and how the timeline moves the camera.
         self._played = {}
+
+    def strike(self, path: Path) -> None:
+        """Bring the object into the pose of a file, in which it stays, as there is no session.
+
+        Args:
+            path: Of a session (.jsonl), whose last pose it is, seen as there; or of vertices.
+
+        Raises:
+            ValueError: The file has no pose of this model (SessionError, PoseError).
+            OSError: It can't be read.
+        """
+        scene = self.scene
+        if path.suffix == ".jsonl":
+            session = load_session(path, scene.field)
+            play_patiently(self._playing(scene, session), session.ticks)
+            scene.handles.release()
+            scene.end_push()
+        else:
+            vertices = load_vertices(path, scene.field.mesh.vertex_count)
+            scene.solver.set_state(vertices, np.zeros_like(vertices))
+        scene.look(0.0)
+        self._home = scene.orbit
 
     def cut(self, first: int | None, last: int | None) -> None:
         """Show these ticks alone; a ValueError if the session has none of them."""
