@@ -142,7 +142,8 @@ class Takes:
         if problem:
             return problem
         self._filmed.saved()
-        self.job = self._begin([*self._arguments(session), "-o", str(path)])
+        arguments = choices.arguments(self.size, session, self.take)
+        self.job = self._begin([*arguments, "-o", str(path)])
         self._filmed.log("film", path=path)
         self._filmed.preferences.film_folder = choices.folder
         self.asking = False
@@ -181,7 +182,8 @@ class Takes:
         if self.why_not(choices.what) or choices.size_problem(self.size):
             return None
         at = self._scratch()
-        return [*self._arguments(at / "film.jsonl"), "-o", str(at / f"film{choices.ending}")]
+        arguments = choices.arguments(self.size, at / "film.jsonl", self.take)
+        return [*arguments, "-o", str(at / f"film{choices.ending}")]
 
     def _scratch(self) -> Path:
         """A folder for the sessions of estimates."""
@@ -203,9 +205,6 @@ class Takes:
         if self.job is not None:
             self.job.close()
             self.update()
-
-    def _arguments(self, session: Path) -> list[str]:
-        return [*self.choices.arguments(self.size), *self.choices.shown(session, self.take)]
 
     def _begin(self, arguments: list[str]) -> FilmJob:
         scene = self._filmed.scene

@@ -6,7 +6,6 @@ also while no frame was drawn since the mouse moved.  Pixels are the image's.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -68,9 +67,9 @@ def parts_of(gizmo: Gizmo, camera, ratio: float) -> list[Part]:
     length = LENGTH * ratio / float(pixels_per_unit(camera, depth))
     view = camera.position - gizmo.pivot
     toward = -camera.forward if camera.parallel else view / np.linalg.norm(view)
-    make = partial(_rings if gizmo.kind == TURN else _arrows, gizmo, length, toward)
+    make = _rings if gizmo.kind == TURN else _arrows
     found = []
-    for axis, across, points in make():
+    for axis, across, points in make(gizmo, length, toward):
         pixels, _ = project(camera, gizmo.pivot + points)
         if len(pixels) > 1 and np.isfinite(pixels).all():
             found.append(Part(axis, across, pixels))
