@@ -138,7 +138,7 @@ def show(arguments: list[str], output: Path, device: str, window, context) -> in
     job = TrainJob(arguments, output, device, stays=True)
     try:
         try:
-            app.training.watch(job)
+            app.watcher.watch(job)
             app.end()
         except BaseException:
             with interrupts_waiting():

@@ -26,7 +26,7 @@ from .parts import call
 from .playing import Playing
 from .questions import Questions
 from .times import FrameTimes
-from .training import Training, offer_of
+from .training import Watcher, offer_of
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class App:
         self.frame_count = 0
         self.autosave = None  # see autosave.py
         self.project: Path | None = None  # the file that `save_project` writes by default
-        self.training, self.train_job, self.watcher = Training(self), None, None
+        self.train_job, self.watcher = None, Watcher(self)  # see training/
         self.actions, self.questions = BoundActions(self), Questions(self)
         self.opening, self.playing = Opening(self), Playing(self)
         self.closing = False  # the window was closed while nothing could be asked
@@ -269,7 +269,7 @@ class App:
                 self.canvas.show()
                 self.window.flip()
         self.takes.update()
-        self.training.follow()
+        self.watcher.follow()
         self.questions.follow()
         self._follow_camera()
         problem = "" if self.autosave is None else self.autosave.update()
@@ -324,7 +324,7 @@ class App:
 
     def begin_training(self) -> None:
         """Do what the dialog offers."""
-        self.training.begin_offered()
+        self.watcher.begin_offered()
 
     def _draw_panels(self):
         """Draw the panels; in a plain drag they are built some times a second, else each frame."""

@@ -68,7 +68,7 @@ class Pictures:
         output, few = self.folder / "live.npz", ("--preset", "tiny", "--device", "cpu")
         job = TrainJob([str(self.photos), "-o", str(output), *few], output, "cpu")
         app = App(window, context, EventLog(False))
-        app.training.begin(job)
+        app.watcher.begin(job)
 
         def turn():
             if app.scene is None:

@@ -43,18 +43,26 @@ class Snapshot:
 
 
 class Watcher:
-    """Shows a TrainJob in an App.
+    """Shows training in an App: of the last TrainJob that began.
 
     Attributes:
         preparing: How far the preparation of the first snapshot is.
-        over: Whether the run is, and its model is shown.
+        over: Whether there is no run any more, and its model is shown.
     """
 
-    def __init__(self, app, job: TrainJob):
-        self.app, self.job, self.preparing = app, job, Progress(job.device)
-        self._path = choose_path(app.ctx, job.device, "auto")
-        self._pool = ThreadPoolExecutor(1, "snapshots")
-        self._coming: Future | None = None
+    over = True
+    _coming: Future | None = None
+
+    def __init__(self, app):
+        self.app, self._pool = app, ThreadPoolExecutor(1, "snapshots")
+
+    def begin(self, job: TrainJob) -> None:
+        """Show a job from now on."""
+        if self._coming is not None:  # of the run before, whose model nobody waits for
+            wait([self._coming])
+        self.app.train_job, self.job, self.preparing = job, job, Progress(job.device)
+        self._path = choose_path(self.app.ctx, job.device, "auto")
+        self._coming = None
         self._field, self._scene_step = None, 0  # of the last snapshot; of its stage, at a scene
         self._scene = self._home = None  # that was shown; the camera's first orbit around it
         self._shown_at = self._due = 0.0  # when a snapshot was, and when the next may be
@@ -63,6 +71,8 @@ class Watcher:
 
     def follow(self) -> None:
         """Called in every frame: show a snapshot if there is one, and the model at the end."""
+        if self.over:
+            return
         if self._scene is not None and self.app.scene is not self._scene:  # another was opened
             self._leave()
         if self._watching:
@@ -180,20 +190,9 @@ class Watcher:
             app.train_job = None
             app.recorder.say(readable(job.line))
 
-
-class Training:
-    """The training that an App's window shows."""
-
-    def __init__(self, app):
-        self._app = app
-
-    def begin(self, job: TrainJob) -> None:
-        """Show a job from now on."""
-        self._app.train_job, self._app.watcher = job, Watcher(self._app, job)
-
     def begin_offered(self) -> None:
         """Do what the dialog offers."""
-        app = self._app
+        app = self.app
         offer, app.questions.dialog = app.questions.dialog, None
         if app.train_job is None or app.train_job.ended:
             self.begin(TrainJob(offer.arguments, offer.output, str(app.scene.solver.device)))
@@ -201,16 +200,11 @@ class Training:
         else:
             app.recorder.say("one model is being trained: wait for it, or stop it")
 
-    def follow(self) -> None:
-        """Called in every frame: show what the job has made, or say why there is none."""
-        if self._app.watcher is not None and not self._app.watcher.over:
-            self._app.watcher.follow()
-
     def watch(self, job: TrainJob) -> None:
         """Show a job, and then its model; returns when the window is closed."""
-        app = self._app
+        app = self.app
         self.begin(job)
-        while app.scene is None and not (app.window.has_exit or app.watcher.over):
+        while app.scene is None and not (app.window.has_exit or self.over):
             pyglet.clock.tick()
             app.show_alone(app.panels.training_window)
             self.follow()
