@@ -59,7 +59,7 @@ class FileDialog:
             return
         self.problem = ""
         self.folder = folder
-        self.text = readable(folder / self.name if self.name else folder)
+        self.text = readable(folder / self.name)
         shown = [
             (name, is_folder)
             for name, is_folder in entries
@@ -73,7 +73,7 @@ class FileDialog:
 
         Blanks alone are no name: they mean the folder, as an empty text does.
         """
-        if self.text == readable(self.folder / self.name if self.name else self.folder):
+        if self.text == readable(self.folder / self.name):
             return self.folder / self.name
         return Path(self.text if self.text.strip() else "")
 

@@ -153,11 +153,8 @@ def _view_of(path, read):
         return {"fov": math.degrees(_number(path, read, "camera_angle_y", 1.0, math.pi, 0.0))}
     if "fl_y" in read and "h" in read:
         height = _number(path, read, "h", 1.0, 1e6, 1.0)
-        return {
-            "fov": math.degrees(
-                2 * math.atan(0.5 * height / _number(path, read, "fl_y", 1.0, 1e7, 1e-3))
-            )
-        }
+        focal = _number(path, read, "fl_y", 1.0, 1e7, 1e-3)
+        return {"fov": math.degrees(2 * math.atan(0.5 * height / focal))}
     return {}
 
 
