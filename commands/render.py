@@ -268,14 +268,12 @@ def _film_of(scene, chosen, session, playing):
         ValueError or OSError: A file doesn't allow it.
     """
     from ..viewer.document import TICKS_PER_SECOND
-    from ..viewer.films import Film, clip_session, load_camera_path, strike, with_timeline
+    from ..viewer.films import Film, clip_session, load_camera_path, with_timeline
 
     path = ()
     if chosen.camera is not None:
         seen_from = scene.field.world_to_model, scene.center, frame_size(chosen.size)
         path = load_camera_path(chosen.camera, *seen_from)
-    if chosen.pose is not None:
-        strike(scene, chosen.pose, playing)
     begin, most = 0, chosen.frames
     if chosen.clip is not None:
         seconds = None if most is None else most / chosen.fps
@@ -283,13 +281,15 @@ def _film_of(scene, chosen, session, playing):
             seconds = path[-1].tick / TICKS_PER_SECOND
         elif most is None:
             seconds = chosen.turntable
-        clip = scene, chosen.clip, chosen.softness, seconds
+        clip = scene.rigging, chosen.clip, chosen.softness, seconds
         session, begin, seconds = clip_session(*clip)
         most = most or max(round(seconds * chosen.fps), 1)  # the next one would be the first again
         scene.settings.show_bones = False
     if chosen.timeline:
-        session, begin = with_timeline(scene, session, playing)
+        session, begin = with_timeline(playing(scene, session))
     film = Film(scene, session, chosen.fps, chosen.turntable, path, playing)
+    if chosen.pose is not None:
+        film.strike(chosen.pose)
     film.cut(begin + (chosen.first or 0), None if chosen.last is None else begin + chosen.last)
     if chosen.material is not None:
         scene.body.set_material(**asdict(MATERIALS[chosen.material]))

@@ -132,13 +132,13 @@ def show(arguments: list[str], output: Path, device: str, window, context) -> in
     """Train in a process and show it in the window; returns its exit code."""
     from ..viewer.app import App  # imports pyglet's window, which is possible from now on
     from ..viewer.events import EventLog
-    from ..viewer.training import TrainJob, watch
+    from ..viewer.training import TrainJob
 
     app = App(window, context, EventLog(False))
     job = TrainJob(arguments, output, device, stays=True)
     try:
         try:
-            watch(app, job)
+            app.watcher.watch(job)
             app.end()
         except BaseException:
             with interrupts_waiting():

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -283,7 +284,7 @@ def prepare(chosen: ViewArguments) -> Callable[[], int]:
             app.questions.dialog = Problem("The preferences are damaged", problem)
         if opened is not None:
             app.playing.play(opened.session, opened.said, opened if project else None)
-        drag = None if drag is None else resolved(drag, app.scene)
+        drag = None if drag is None else resolved(drag, app.scene.handles)
         photographs = chosen.photographs
         if photographs.data is not None:
             app.opening.open_photographs(photographs.data, photographs.outside_images)
@@ -341,7 +342,9 @@ def _show(app, chosen, drag):
     run = chosen.run
     try:
         if run.headless:
-            render_files(app, run, chosen.fps, drag)
+            app.canvas.use(app.size)
+            draw = partial(app.frame, 1.0 / chosen.fps, whole=True)
+            render_files(run, drag, app.scene.handles, app.recorder, draw)
         else:
             if run.record is not None:
                 app.frame(0.0)  # the canvas has its size from the first frame

@@ -26,7 +26,7 @@ from .parts import call
 from .playing import Playing
 from .questions import Questions
 from .times import FrameTimes
-from .training import begin_job, follow_job, offer_of
+from .training import Watcher, offer_of
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class App:
         self.frame_count = 0
         self.autosave = None  # see autosave.py
         self.project: Path | None = None  # the file that `save_project` writes by default
-        self.train_job = self.watcher = None  # see training/
+        self.train_job, self.watcher = None, Watcher(self)  # see training/
         self.actions, self.questions = BoundActions(self), Questions(self)
         self.opening, self.playing = Opening(self), Playing(self)
         self.closing = False  # the window was closed while nothing could be asked
@@ -284,7 +284,7 @@ class App:
     def _follow(self):
         """Go on with all that goes beside the object: films, training, questions, the title."""
         self.takes.update()
-        follow_job(self)
+        self.watcher.follow()
         self.questions.follow()
         if self.questions.name:
             self.fly.end()  # which has the keys
@@ -335,7 +335,7 @@ class App:
 
     def begin_training(self) -> None:
         """Do what the dialog offers."""
-        begin_job(self)
+        self.watcher.begin_offered()
 
     def _draw_panels(self):
         """Draw the panels; whether they were built: some times a second in a plain drag."""

@@ -65,7 +65,8 @@ def write_report(program: str, error: BaseException, recent: Recent) -> Path | N
 def report(program: str, error: BaseException, recent: Recent) -> str:
     """The text of a report."""
     lines = [f"{program} {program_version()}", f"Python {platform.python_version()}"]
-    lines += [platform.platform(), *map(_version, PACKAGES), *_devices(), "", "Traceback"]
+    versions = (f"{package} {version_of(package)}" for package in PACKAGES)
+    lines += [platform.platform(), *versions, *_devices(), "", "Traceback"]
     lines += "".join(traceback.format_exception(error)).splitlines()
     lines += ["", f"The last {len(recent.records)} events", *recent.lines()]
     return "\n".join(map(without_folders, lines)) + "\n"
@@ -76,11 +77,12 @@ def without_folders(line: str) -> str:
     return FOLDERS.sub(lambda _: "", line.replace(str(ROOT), "deformrf"))
 
 
-def _version(package):
+def version_of(package: str) -> str:
+    """Which version of a package is installed."""
     try:
-        return f"{package} {metadata.version(package)}"
+        return metadata.version(package)
     except metadata.PackageNotFoundError:
-        return f"{package} is missing"
+        return "is missing"
 
 
 def _devices():

@@ -3,7 +3,8 @@
 import os
 import platform
 import sys
-from importlib import metadata
+
+from .crash import version_of
 
 PACKAGES = ("warp-lang", "moderngl", "pyglet", "imgui-bundle", "av", "numpy")
 EXTRAS = {  # what training, reports and exchange need besides
@@ -23,9 +24,9 @@ def report(headless: bool) -> int:
     _line("deformrf", program_version())
     _line("python", f"{sys.version.split()[0]} on {platform.platform()}")
     for package in PACKAGES:
-        _line(package, _version(package))
+        _line(package, version_of(package))
     for extra, packages in EXTRAS.items():
-        _line(f"extra {extra}", ", ".join(f"{name} {_version(name)}" for name in packages))
+        _line(f"extra {extra}", ", ".join(f"{name} {version_of(name)}" for name in packages))
     try:
         import av
 
@@ -54,13 +55,6 @@ def report(headless: bool) -> int:
         cuda = f"{gpu.name}, {gpu.total_memory / 2**30:.0f} GiB, sm_{gpu.arch}"
     _line("CUDA", cuda)
     return _opengl(headless, device)
-
-
-def _version(package):
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "missing"
 
 
 def _line(name, value):

@@ -255,10 +255,13 @@ class Gui:
 
         An empty name is for frames without a dialog.  Gives whether there is one to be filled.
         """
-        if self._dialog and self._dialog != name and imgui.is_popup_open(self._dialog):
-            imgui.internal.close_popup_to_level(0, True)
         if self._dialog and self._dialog != name:
-            self._forget_input()
+            if imgui.is_popup_open(self._dialog):
+                imgui.internal.close_popup_to_level(0, True)
+            # Keys that ImGui still has for the dialog, in slow frames, are not another's.
+            self._io.clear_events_queue()
+            self._io.clear_input_keys()
+            self._io.clear_input_mouse()
         self._dialog = name
         if not name:
             yield False
@@ -270,12 +273,6 @@ class Gui:
         if shown:
             self.claim()
             imgui.end_popup()
-
-    def _forget_input(self):
-        """A dialog is gone: keys that ImGui still has for it, in slow frames, are not another's."""
-        self._io.clear_events_queue()
-        self._io.clear_input_keys()
-        self._io.clear_input_mouse()
 
     def guarded(self, panel, *arguments, window=None) -> None:
         """Draw a panel; one that fails says so and is tried again in the next frame.
@@ -310,7 +307,7 @@ class Gui:
         imgui.render()
         # ImGui divides what came together among several frames.
         self._pressed = self._pressed and len(imgui.get_current_context().input_events_queue) > 0
-        imgui.backends.opengl3_render_draw_data(imgui.get_draw_data())
+        self.show_again()
 
     def show_again(self) -> None:
         """Draw the panels as they were built last."""

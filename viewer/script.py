@@ -4,9 +4,12 @@ It goes out in the first third of the frames, is held in the second, and then le
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+from .document import EASINGS, Handles
 
 FRAME_COUNT = 90  # by default
 TOP = "top"  # in place of an id
@@ -44,22 +47,21 @@ def parse_drag(text: str) -> DragScript:
     return script
 
 
-def resolved(script: DragScript, scene) -> DragScript:
-    """The drag of a vertex of this scene, with the vertex's id.
+def resolved(script: DragScript, handles: Handles) -> DragScript:
+    """The drag of one of these handles, with its id.
 
     Raises:
-        ValueError: The scene has no such vertex, or it is pinned.
+        ValueError: There is no such vertex, or it is pinned.
     """
-    free = scene.handles.control_ids
+    free = handles.control_ids
     if script.vertex == TOP:
         if not len(free):
             raise ValueError("--drag names the top vertex, but every control vertex is pinned")
-        heights = scene.handles.at(free)[:, 2]
-        return replace(script, vertex=int(free[heights.argmax()]))
-    if not scene.handles.exists(script.vertex):
-        last = scene.field.mesh.vertex_count + len(scene.handles.points) - 1
+        return replace(script, vertex=int(free[handles.at(free)[:, 2].argmax()]))
+    if not handles.exists(script.vertex):
+        last = len(handles.patches) + len(handles.points) - 1
         raise ValueError(f"--drag names vertex {script.vertex}; the model has 0 to {last}")
-    if scene.solver.pinned[scene.handles.corners(script.vertex)].all():
+    if handles.is_pinned(script.vertex):
         some = ", ".join(map(str, free[:5]))
         raise ValueError(
             f"--drag names vertex {script.vertex}, which is pinned; take one of {some}"
@@ -72,47 +74,43 @@ def hold_ends(frame_count: int) -> int:
     return -(-2 * frame_count // 3)
 
 
-def play(script: DragScript, scene, frame: int, frame_count: int) -> None:
-    """Move the scene's grabbed vertex as in this frame; called before the scene advances."""
+def play(script: DragScript, handles: Handles, frame: int, frame_count: int) -> None:
+    """Move the grabbed handle as in this frame; called before time passes in it."""
     if frame == 0:
-        scene.handles.grab(script.vertex)
-    if scene.handles.grabbed is None:
+        handles.grab(script.vertex)
+    if handles.grabbed is None:
         return
     if frame >= hold_ends(frame_count):
-        scene.handles.release()
+        handles.release()
         return
     out = min((frame + 1) / max(frame_count / 3.0, 1.0), 1.0)
-    smooth = out * out * (3.0 - 2.0 * out)
-    start = scene.handles.grabbed.start
-    scene.handles.drag_to(start + smooth * np.array(script.offset))
+    smooth = EASINGS["smooth"](out)
+    handles.drag_to(handles.grabbed.start + smooth * np.array(script.offset))
 
 
-def render_files(app, run, fps: int, drag: DragScript | None) -> None:
+def render_files(run, drag: DragScript | None, handles: Handles, recorder, draw: Callable) -> None:
     """Render the frames of the command's RunArguments, one after another, each in full.
 
-    The screenshot shows the last frame, or the last one before a drag is let go.
+    The screenshot shows the last frame, or the last one before a drag is let go.  A progress bar
+    is on stderr if that is a terminal.
+
+    Args:
+        handles: That are dragged.
+        recorder: Of a canvas that has its size.
+        draw: Lets the time of a frame pass, and draws it.
     """
-    count = run.frames or FRAME_COUNT
-    shot = count - 1 if drag is None else hold_ends(count) - 1
-    app.canvas.use(app.size)
-    if run.record is not None:
-        app.recorder.start(run.record, live=False)
-    for frame in _shown(count):
-        if drag is not None:
-            play(drag, app.scene, frame, count)
-        if run.screenshot is not None and frame == shot:
-            app.recorder.screenshot(run.screenshot)
-        app.window.switch_to()
-        app.frame(1.0 / fps, whole=True)
-    app.recorder.stop()
-
-
-def _shown(count: int):
-    """The numbers of the frames, under a progress bar on stderr if that is a terminal."""
-    if count == 1:
-        return range(1)
     from rich.console import Console
     from rich.progress import track
 
-    console = Console(stderr=True)
-    return track(range(count), "rendering", console=console, disable=not console.is_terminal)
+    count, console = run.frames or FRAME_COUNT, Console(stderr=True)
+    shot = count - 1 if drag is None else hold_ends(count) - 1
+    silent = count == 1 or not console.is_terminal
+    if run.record is not None:
+        recorder.start(run.record, live=False)
+    for frame in track(range(count), "rendering", console=console, disable=silent):
+        if drag is not None:
+            play(drag, handles, frame, count)
+        if run.screenshot is not None and frame == shot:
+            recorder.screenshot(run.screenshot)
+        draw()
+    recorder.stop()

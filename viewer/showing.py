@@ -81,7 +81,7 @@ def show(app, scene, renderer, path: str) -> None:
     say = app.recorder.say
     app.controls = Controls(scene, app.radiance.depth_image, app.log, say)
     app.photographs = None  # of the scene's data set, if its folder was given
-    app.fly = Fly(app.window, app.controls, app.radiance.depth_image)
+    app.fly = Fly(app.window, app.controls)
     app.scene, app.session_start, app.project = scene, start_of(scene), None
     app.takes.forget()
     # The handlers that are pushed last are asked first.

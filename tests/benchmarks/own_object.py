@@ -64,12 +64,11 @@ class Pictures:
         from deformrf.viewer.app import App  # imports pyglet's window, which is possible now
         from deformrf.viewer.events import EventLog
         from deformrf.viewer.training import TrainJob
-        from deformrf.viewer.training.watching import begin
 
         output, few = self.folder / "live.npz", ("--preset", "tiny", "--device", "cpu")
         job = TrainJob([str(self.photos), "-o", str(output), *few], output, "cpu")
         app = App(window, context, EventLog(False))
-        begin(app, job)
+        app.watcher.begin(job)
 
         def turn():
             if app.scene is None:

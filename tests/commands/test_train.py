@@ -61,7 +61,7 @@ def app(window, job):
     from deformrf.viewer.events import EventLog
 
     app = App(*window, EventLog(False))
-    watching.begin(app, job)
+    app.watcher.begin(job)
     yield app
     app.train_job = None
     app.close()
@@ -70,7 +70,7 @@ def app(window, job):
 def turn(app):
     if app.scene is None:
         app.show_alone(app.panels.training_window)
-        watching.follow_job(app)
+        app.watcher.follow()
     else:
         app.window.dispatch_events()
         app.frame(1.0 / 60.0)

@@ -10,7 +10,14 @@ import pytest
 
 from deformrf.commands import render as render_command
 from deformrf.viewer.camera import orbit as orbits
-from deformrf.viewer.document import Scene, SessionError, load_session, save_session, start_of
+from deformrf.viewer.document import (
+    Player,
+    Scene,
+    SessionError,
+    load_session,
+    save_session,
+    start_of,
+)
 from deformrf.viewer.films import Film, with_timeline
 
 
@@ -64,7 +71,7 @@ def test_a_timeline_is_filmed_from_its_beginning_to_its_last_key(ball, made, tmp
     session = load_session(save_session(scene, start, tmp_path / "s.jsonl"), ball)
     other = Scene(ball, "ball", "cpu")
     rest = other.solver.vertices.numpy().copy()
-    longer, begin = with_timeline(other, session)
+    longer, begin = with_timeline(Player(other, session))
     assert (begin, longer.ticks) == (session.ticks, session.ticks + 20)
     np.testing.assert_array_equal(other.solver.vertices.numpy(), rest)
     assert other.timeline.end == 0 and other.journal.events == []
@@ -85,7 +92,7 @@ def test_a_session_without_keys_has_no_timeline_to_film(ball, tmp_path):
     scene = Scene(ball, "ball", "cpu")
     path = save_session(scene, start_of(scene), tmp_path / "s.jsonl")
     with pytest.raises(SessionError, match="has no keys"):
-        with_timeline(scene, load_session(path, ball))
+        with_timeline(Player(scene, load_session(path, ball)))
 
 
 def test_a_timeline_without_a_session_is_explained(capfd, ball_file, tmp_path):

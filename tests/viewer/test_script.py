@@ -34,16 +34,16 @@ def test_unknown_and_pinned_vertices_are_refused(ball):
     scene = Scene(ball, "ball", "cpu")
     count = len(scene.handles.points)
     with pytest.raises(ValueError, match=f"the model has 0 to {132 + count - 1}"):
-        script.resolved(script.DragScript(132 + count, (0, 0, 0)), scene)
+        script.resolved(script.DragScript(132 + count, (0, 0, 0)), scene.handles)
     pin = int(scene.pins.nonzero()[0][0])
     with pytest.raises(ValueError, match="pinned"):
-        script.resolved(script.DragScript(pin, (0, 0, 0)), scene)
+        script.resolved(script.DragScript(pin, (0, 0, 0)), scene.handles)
 
 
 def test_an_id_stays_what_it_is(ball):
     scene = Scene(ball, "ball", "cpu")
     drag = script.DragScript(int(scene.handles.control_ids[2]), (0.1, 0.0, 0.0))
-    assert script.resolved(drag, scene) == drag
+    assert script.resolved(drag, scene.handles) == drag
 
 
 def test_the_top_is_the_highest_control_vertex_that_is_free(ball):
@@ -51,14 +51,14 @@ def test_the_top_is_the_highest_control_vertex_that_is_free(ball):
     heights = scene.handles.at(scene.handles.control_ids)[:, 2]
     order = scene.handles.control_ids[np.argsort(-heights, kind="stable")]
     drag = script.DragScript(script.TOP, (0.1, 0.0, 0.0))
-    assert script.resolved(drag, scene).vertex == order[0]
+    assert script.resolved(drag, scene.handles).vertex == order[0]
     pinned = scene.solver.pinned.copy()
     pinned[scene.handles.corners(order[0])] = True
     scene.solver.set_pinned(pinned)
-    assert script.resolved(drag, scene).vertex == order[1]
+    assert script.resolved(drag, scene.handles).vertex == order[1]
     scene.solver.set_pinned(np.ones_like(pinned))
     with pytest.raises(ValueError, match="every control vertex is pinned"):
-        script.resolved(drag, scene)
+        script.resolved(drag, scene.handles)
 
 
 def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_called():
@@ -74,13 +74,13 @@ def test_the_makefiles_drag_bends_the_bundled_model_whatever_its_vertices_are_ca
     renderer = Renderer(field)
     renderer.set_vertices(rest)
     scene = Scene(field, "helmet", "cpu", visible_points(renderer, rest)[0])
-    drag = script.resolved(script.parse_drag(text), scene)
+    drag = script.resolved(script.parse_drag(text), scene.handles)
     assert drag.vertex in scene.handles.control_ids
     assert not scene.pins[scene.handles.corners(drag.vertex)].any()
     height = scene.handles.at([drag.vertex], rest)[0, 2]
     assert height == scene.handles.at(scene.handles.control_ids, rest)[:, 2].max()
     for frame in range(script.hold_ends(30)):
-        script.play(drag, scene, frame, 30)
+        script.play(drag, scene.handles, frame, 30)
         scene.clock.advance(1 / 30)
     (moved,) = scene.handles.at([drag.vertex]) - scene.handles.at([drag.vertex], rest)
     assert moved == pytest.approx(drag.offset, abs=1e-5)
@@ -92,7 +92,7 @@ def test_the_vertex_goes_out_is_held_and_comes_back(ball):
     drag = script.DragScript(vertex, (0.1, 0.0, 0.0))
     distances = []
     for frame in range(40):
-        script.play(drag, scene, frame, 30)
+        script.play(drag, scene.handles, frame, 30)
         scene.clock.advance(1 / 30)
         rest = scene.field.mesh.rest_vertices
         (moved,) = scene.handles.at([vertex]) - scene.handles.at([vertex], rest)
@@ -108,6 +108,6 @@ def test_it_ends_let_go_or_held_but_never_fails(ball, count):
     scene = Scene(ball, "ball", "cpu")
     drag = script.DragScript(int(scene.handles.control_ids[0]), (0.1, 0.0, 0.0))
     for frame in range(count):
-        script.play(drag, scene, frame, count)
+        script.play(drag, scene.handles, frame, count)
         scene.clock.advance(1 / 30)
     assert (scene.handles.grabbed is None) == (count > 2)

@@ -7,6 +7,7 @@ from .orbit import (
     clip_range as clip_range,
     facing as facing,
     framed as framed,
+    looking_from as looking_from,
     panned as panned,
     pose_of as pose_of,
     turned as turned,
@@ -17,6 +18,7 @@ from .orbit import (
     zoomed as zoomed,
 )
 from .picking import (
+    away_from_lines as away_from_lines,
     depth_at as depth_at,
     onto_view_plane as onto_view_plane,
     pick_sphere as pick_sphere,

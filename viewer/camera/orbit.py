@@ -92,7 +92,7 @@ def turned_to(orbit: Orbit, yaw: float) -> Orbit:
 def panned(orbit: Orbit, dx: float, dy: float, height: int) -> Orbit:
     """After a drag by (dx, dy) pixels: the point at the target's depth follows the mouse."""
     per_pixel = 2.0 * orbit.distance * np.tan(0.5 * orbit.field_of_view) / max(height, 1)
-    axes = pose_of(orbit)[:3, :3]
+    axes = orbit.pose[:3, :3]
     return replace(orbit, target=orbit.target + per_pixel * (dy * axes[:, 1] - dx * axes[:, 0]))
 
 
@@ -133,6 +133,14 @@ def facing(orbit: Orbit, axes) -> Orbit:
     level = level_axes(yaw, pitch)
     roll = np.arctan2(right @ level[:, 1], right @ level[:, 0])
     return replace(orbit, yaw=float(yaw), pitch=float(pitch), roll=float(roll))
+
+
+def looking_from(orbit: Orbit, pose, center) -> Orbit:
+    """From a camera's pose [4, 4], about the point of its axis at the depth of a center [3]."""
+    eye, backward = pose[:3, 3], pose[:3, 2]
+    distance = float(np.clip((eye - center) @ backward, CLOSEST, FARTHEST))
+    seen = replace(orbit, target=eye - distance * backward, distance=distance)
+    return facing(seen, pose[:3, :3])
 
 
 def with_up(orbit: Orbit, up) -> Orbit:

@@ -155,17 +155,11 @@ def seen_from(photograph: Photograph, orbit, size, half_size, center):
     lens, pose = photograph.lens, photograph.pose
     sides = zip((lens.width, lens.height), lens.center, lens.focal, half_size, strict=True)
     focal = min(half * f / max(c, length - c) for length, c, f, half in sides)
-    distance = (pose[:3, 3] - center) @ pose[:3, 2]
-    distance = float(np.clip(distance, orbits.CLOSEST, orbits.FARTHEST))
     # in_free_part scales the picture, unless all is free.
     height = size[1] if np.allclose(np.multiply(half_size, 2.0), size) else 2.0 * min(half_size)
-    return replace(
-        orbits.facing(orbit, pose[:3, :3]),
-        target=pose[:3, 3] - distance * pose[:3, 2],
-        distance=distance,
-        field_of_view=min(2.0 * math.atan(0.5 * height / focal), WIDEST),
-        parallel=False,
-    )
+    field_of_view = min(2.0 * math.atan(0.5 * height / focal), WIDEST)
+    seen = orbits.looking_from(orbit, pose, center)
+    return replace(seen, field_of_view=field_of_view, parallel=False)
 
 
 def is_seen_from(photograph: Photograph, orbit) -> bool:

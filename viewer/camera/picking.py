@@ -105,6 +105,21 @@ def pick_sphere(
     return int(candidates[np.argmin(t[candidates])]) if len(candidates) else None
 
 
+def away_from_lines(pixels, starts, ends):
+    """How far pixels are from the lines between others [pixels].
+
+    Args:
+        pixels, starts, ends: Each [2] or [N, 2].
+
+    Returns:
+        A number for each.  [N]
+    """
+    ways, offsets = np.subtract(ends, starts), np.subtract(pixels, starts)
+    lengths = np.maximum((ways**2).sum(axis=-1), 1e-12)
+    share = np.clip((offsets * ways).sum(axis=-1) / lengths, 0.0, 1.0)
+    return np.linalg.norm(offsets - share[..., None] * ways, axis=-1)
+
+
 def within(pixels, outline):
     """Whether pixels [N, 2] are inside a closed outline [K, 2], by the even-odd rule.  [N] bool"""
     pixels, outline = np.asarray(pixels, float), np.asarray(outline, float)

@@ -10,7 +10,7 @@ from .scene.scene import Scene as Scene
 from .scene.clock import MAX_STEPS as MAX_STEPS
 from .scene.body import EARTH as EARTH
 from .scene.cuts import masks_of as masks_of
-from .scene.handles import MOST_ADDED as MOST_ADDED
+from .scene.handles import MOST_ADDED as MOST_ADDED, Handles as Handles
 from .scene.points import ControlPoints as ControlPoints, MOST_POINTS as MOST_POINTS
 from .scene.grabs import (
     Ball as Ball,

@@ -7,5 +7,9 @@ from .export import (
 
 # For the rest of the viewer.
 from .opening import Opening as Opening
-from .native import has_native_dialogs as has_native_dialogs
-from .dialogs import FileDialog as FileDialog, Problem as Problem, readable as readable
+from .dialogs import (
+    FileDialog as FileDialog,
+    Problem as Problem,
+    has_native_dialogs as has_native_dialogs,
+    readable as readable,
+)

@@ -1,11 +1,17 @@
-"""What a dialog shows and does, without drawing: the choice of a file, and a problem."""
+"""What a dialog shows and does, without drawing: the choice of a file, and a problem.
+
+Where the system has dialogs of its own for files, these are asked in each frame instead.
+"""
 
 import os
+import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 MOST_SHOWN = 2000  # entries of a folder
+HELPERS = "zenity", "kdialog", "qarma", "matedialog"  # on Linux, programs that show them
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,7 @@ class FileDialog:
             return
         self.problem = ""
         self.folder = folder
-        self.text = readable(folder / self.name if self.name else folder)
+        self.text = readable(folder / self.name)
         shown = [
             (name, is_folder)
             for name, is_folder in entries
@@ -67,7 +73,7 @@ class FileDialog:
 
         Blanks alone are no name: they mean the folder, as an empty text does.
         """
-        if self.text == readable(self.folder / self.name if self.name else self.folder):
+        if self.text == readable(self.folder / self.name):
             return self.folder / self.name
         return Path(self.text if self.text.strip() else "")
 
@@ -106,4 +112,32 @@ def _is_folder(entry):
     try:
         return entry.is_dir()
     except OSError:
+        return False
+
+
+def has_native_dialogs() -> bool:
+    """Whether this machine can show them."""
+    return sys.platform in ("win32", "darwin") or any(map(shutil.which, HELPERS))
+
+
+class NativeDialog:
+    """A dialog of the system that is open; `chosen` is called with the path."""
+
+    def __init__(self, title: str, start: Path, endings: tuple[str, ...], saves, chosen: Callable):
+        """Show it.  `start` is a folder, or the name that a new file would have."""
+        from imgui_bundle import portable_file_dialogs as dialogs
+
+        filters = ["deformrf", " ".join(f"*{ending}" for ending in endings), "all files", "*"]
+        show = dialogs.save_file if saves else dialogs.open_file
+        self._shown = show(title, os.fspath(start), filters)
+        self._chosen = chosen
+
+    def follow(self) -> bool:
+        """Take the answer if there is one; whether it goes on."""
+        if not self._shown.ready(0):
+            return True
+        result = self._shown.result()
+        path = result if isinstance(result, str) else "".join(result[:1])
+        if path:
+            self._chosen(Path(path))
         return False

@@ -76,20 +76,17 @@ def save_surface(surface: SurfaceMesh, path: str | Path, attribution: str = "") 
 
 def _ply(surface, attribution):
     """Binary PLY, little endian."""
-    kinds = [("position", "<f4", 3)]
+    kinds, columns = [(axis, "<f4") for axis in "xyz"], [*surface.vertices.T]
+    if surface.colors is not None:
+        kinds += [(name, "u1") for name in ("red", "green", "blue")]
+        columns += [*surface.colors.T]
+    vertices, names = np.rec.fromarrays(columns, dtype=kinds), {"<f4": "float", "u1": "uchar"}
     header = ["ply", "format binary_little_endian 1.0", "comment deformrf, model units"]
     header += [f"comment {attribution}"] if attribution else []
-    header += [f"element vertex {len(surface.vertices)}"]
-    header += [f"property float {axis}" for axis in "xyz"]
-    if surface.colors is not None:
-        kinds += [("color", "u1", 3)]
-        header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    header += [f"element vertex {len(vertices)}"]
+    header += [f"property {names[kind]} {name}" for name, kind in kinds]
     header += [f"element face {len(surface.faces)}"]
     header += ["property list uchar int vertex_indices", "end_header", ""]
-    vertices = np.empty(len(surface.vertices), kinds)
-    vertices["position"] = surface.vertices
-    if surface.colors is not None:
-        vertices["color"] = surface.colors
     faces = np.empty(len(surface.faces), [("count", "u1"), ("ids", "<i4", 3)])
     faces["count"], faces["ids"] = 3, surface.faces
     text = "\n".join(header).encode("ascii", "backslashreplace")

@@ -18,8 +18,7 @@ from ...core.training import has_cameras, photo_folder
 from ...wings import capture
 from .. import logs
 from ..document import load_project, open_session
-from .dialogs import FileDialog, Problem
-from .native import NativeDialog
+from .dialogs import FileDialog, NativeDialog, Problem
 
 MODEL, SESSION = ".npz", ".jsonl"
 log = logging.getLogger(__name__)

@@ -18,9 +18,7 @@ from .takes import Takes as Takes
 
 # For deformrf render.
 from .camera_path import load_camera_path as load_camera_path
-from .clip import clip_session as clip_session
 from .codecs import encoder as encoder
 from .estimate import Hurry as Hurry, render_seconds as render_seconds
-from .film import Film as Film, with_timeline as with_timeline
+from .film import Film as Film, clip_session as clip_session, with_timeline as with_timeline
 from .film_maker import FilmMaker as FilmMaker, FilmOptions as FilmOptions
-from .still import strike as strike

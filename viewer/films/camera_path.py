@@ -22,7 +22,7 @@ from ...core.base import schema
 from ...core.base.reading import read_text
 from ...core.base.streams import printable, shown
 from ...core.render import in_space, look_at
-from ..camera import CLOSEST, FARTHEST, Orbit, facing
+from ..camera import Orbit, looking_from
 from ..document import TICKS_PER_SECOND, CameraKey
 from .sight import fit, sight_of
 
@@ -110,13 +110,8 @@ def _photographed(path, world_to_model, center, size):
     sights = []
     for number, camera in enumerate(cameras, start=1):
         pose = in_space(camera.camera_to_world, world_to_model)
-        away = abs(pose[:3, 3]).max()
-        if away > FARTHEST_POINT:
-            raise CameraPathError(
-                f"{path}, camera {number} is {away:.3g} model sizes away: is this the data set of "
-                f"this model?"
-            )
-        sights.append(sight_of(_looking(pose, center), camera.lens))
+        _check_near(pose, f"{path}, camera {number}", "data set of this model")
+        sights.append(sight_of(looking_from(Orbit(), pose, center), camera.lens))
     sights, told = fit(sights, size)
     for sentence in filter(None, (*said, told)):
         log.warning(printable(sentence))
@@ -148,13 +143,8 @@ def _check_nerfstudio(path, read):
             f"{path} has camera_type {kind!r}"[:200] + ": only 'perspective' can be filmed, "
             "change it there if you want that"
         )
-    log.warning(
-        "%s",
-        printable(
-            f"{path.name} fits if nerfstudio trained without centering and scaling the scene, "
-            f"which it does unless it is switched off"
-        ),
-    )
+    fits = "%s fits if nerfstudio trained without centering and scaling the scene, "
+    log.warning(fits + "which it does unless it is switched off", printable(path.name))
 
 
 def _view_of(path, read):
@@ -163,7 +153,8 @@ def _view_of(path, read):
         return {"fov": math.degrees(_number(path, read, "camera_angle_y", 1.0, math.pi, 0.0))}
     if "fl_y" in read and "h" in read:
         height = _number(path, read, "h", 1.0, 1e6, 1.0)
-        return {"fov": math.degrees(2 * math.atan(0.5 * height / _positive(path, read, "fl_y")))}
+        focal = _number(path, read, "fl_y", 1.0, 1e7, 1e-3)
+        return {"fov": math.degrees(2 * math.atan(0.5 * height / focal))}
     return {}
 
 
@@ -184,20 +175,16 @@ def _orbit(place, key, matrix, center) -> Orbit:
     else:
         pose = _pose(place, key.get("transform_matrix", key.get("camera_to_world")))
         pose = in_space(pose, matrix)
-        if abs(pose[:3, 3]).max() > FARTHEST_POINT:
-            raise CameraPathError(
-                f"{place} is {abs(pose[:3, 3]).max():.3g} model sizes away: is this the space of "
-                f"this model's training data?"
-            )
-    return _looking(pose, center if target is None else target, math.radians(fov))
+        _check_near(pose, place, "space of this model's training data")
+    orbit = Orbit(field_of_view=math.radians(fov))
+    return looking_from(orbit, pose, center if target is None else target)
 
 
-def _looking(pose, target, field_of_view=1.0) -> Orbit:
-    """The orbit of a pose: its target is on the camera's axis, at the depth of the given one."""
-    forward, position = -pose[:3, 2], pose[:3, 3]
-    distance = float(np.clip((np.asarray(target) - position) @ forward, CLOSEST, FARTHEST))
-    seen = Orbit(position + distance * forward, distance, field_of_view=field_of_view)
-    return facing(seen, pose[:3, :3])
+def _check_near(pose, place, what):
+    """CameraPathError if a camera is so far away that it is not of this model."""
+    away = abs(pose[:3, 3]).max()
+    if away > FARTHEST_POINT:
+        raise CameraPathError(f"{place} is {away:.3g} model sizes away: is this the {what}?")
 
 
 def _pose(place, matrix):
@@ -223,10 +210,6 @@ def _number(place, key, name, default, high, low=0.0):
         said = f"{place} has {name} = {shown(value)}"
         raise CameraPathError(f"{said}; {low:g} to {high:g} are possible")
     return float(value)
-
-
-def _positive(place, key, name):
-    return _number(place, key, name, 1.0, 1e7, 1e-3)
 
 
 def _point(place, key, name):

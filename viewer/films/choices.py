@@ -99,8 +99,13 @@ class FilmChoices:
         line = f"{width} x {height}, {ratio}" + ("" if is_even else "; a film's sides are even")
         return self.size_problem(window_size) or line
 
-    def arguments(self, window_size) -> list[str]:
-        """Those of deformrf render about how the film is, without what it shows and its file."""
+    def arguments(self, window_size, session: Path, take: tuple[int, int] | None) -> list[str]:
+        """Those of deformrf render, without the film's file.
+
+        Args:
+            session: The session's file.
+            take: The first and the last tick, if that is what is filmed.
+        """
         chosen = ["--size", "{}x{}".format(*self.pixels(window_size)), "--fps", str(self.fps)]
         chosen += ["--samples", str(self.samples)]
         if self.blur and self.samples > 1:
@@ -108,19 +113,11 @@ class FilmChoices:
         if self.transparent and self.can_be_transparent:
             chosen += ["--transparent"]
         if not self.handles:
-            return [*chosen, "--hide-handles"]
-        return [*chosen, "--show-handles"] if self.what == "turntable" else chosen
-
-    def shown(self, session: Path, take: tuple[int, int] | None) -> list[str]:
-        """Those about what it shows.
-
-        Args:
-            session: The session's file.
-            take: The first and the last tick, if that is what is filmed.
-        """
-        if self.what == "turntable":
-            return ["--pose", str(session), "--turntable", f"{self.turn_seconds:g}"]
-        of_it = {"timeline": ["--timeline"], "all": []}.get(self.what)
-        if of_it is None:
-            of_it = ["--from", str(take[0]), "--to", str(take[1])]
-        return ["--session", str(session), *of_it]
+            chosen += ["--hide-handles"]
+        if self.what == "turntable":  # which shows no handles by default
+            chosen += ["--show-handles"] if self.handles else []
+            return [*chosen, "--pose", str(session), "--turntable", f"{self.turn_seconds:g}"]
+        chosen += ["--session", str(session)]
+        if self.what == "take":
+            chosen += ["--from", str(take[0]), "--to", str(take[1])]
+        return [*chosen, "--timeline"] if self.what == "timeline" else chosen

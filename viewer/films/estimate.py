@@ -14,7 +14,7 @@ from pathlib import Path
 from ...core.base.device import thread_count
 from ..document import Player, spoken
 from .film_job import FilmJob
-from .film_maker import FilmMaker
+from .film_maker import FilmMaker, Stage
 
 PLAYING = 3.0  # s of playing in full
 SETTLING = 300  # ticks that an object goes on moving after an edit, about
@@ -38,20 +38,20 @@ class Hurry:
 
     def player(self, scene, session) -> Player:
         """Plays a session so."""
-        return _Player(scene, session, self)
+        player = _Player(scene, session)
+        player.hurry = self
+        return player
 
 
 class _Player(Player):
-    def __init__(self, scene, session, hurry):
-        super().__init__(scene, session)
-        self._hurry = hurry
+    hurry: Hurry
 
     def adapting(self, tick):
         self._leave_out(tick - self.scene.journal.tick)
         return ()
 
     def _step(self, tick):
-        hurry, scene = self._hurry, self.scene
+        hurry, scene = self.hurry, self.scene
         begin, following = time.perf_counter(), self.following
         until = tick if following is None else min(tick, following)
         ticks = until - scene.journal.tick
@@ -69,15 +69,15 @@ class _Player(Player):
     def _leave_out(self, ticks):
         scene = self.scene
         if scene.timeline.playing:
-            self._hurry.left_out += ticks
+            self.hurry.left_out += ticks
             scene.timeline.skip(ticks)
         elif scene.clock.moving:
-            self._hurry.left_out += min(ticks, SETTLING)
+            self.hurry.left_out += min(ticks, SETTLING)
         scene.journal.tick += ticks
 
 
 def render_seconds(
-    app, film, options, hurry: Hurry, path: Path, codec: str | None, count: int
+    stage: Stage, film, options, hurry: Hurry, path: Path, codec: str | None, count: int
 ) -> float:
     """The seconds that frames of a Film take, as FRAMES of them say, and what leads to them.
 
@@ -88,21 +88,21 @@ def render_seconds(
     """
     numbers = sorted({int((n + 0.5) / FRAMES * count) for n in range(FRAMES)})
     few = replace(options, samples=min(options.samples, MOST_IMAGES))
-    on_cuda = app.radiance.device.is_cuda
+    on_cuda = stage.radiance.device.is_cuda
     images = few.samples + WARM_IMAGES if on_cuda else 1 + (few.samples == 1)
     warm = replace(options, samples=images, shutter=0.0)  # other images than the next ones
-    app.canvas.use(app.size)
+    stage.canvas.use(stage.size)
     with tempfile.TemporaryDirectory(prefix="deformrf-") as folder:
-        video = app.recorder.writer(Path(folder) / path.name, None, codec, options.transparent)
-        app.recorder.video = video
+        video = stage.recorder.writer(Path(folder) / path.name, None, codec, options.transparent)
+        stage.recorder.video = video
         try:
-            FilmMaker(app, film, warm).make(numbers[0])
-            maker = FilmMaker(app, film, few)
+            FilmMaker(stage, film, warm).make(numbers[0])
+            maker = FilmMaker(stage, film, few)
             for number in numbers:
                 maker.make(number)
             maker.finish()
         finally:
-            app.recorder.video = None
+            stage.recorder.video = None
             video.close()
     film.show(count - 1)  # what is played until then counts
     seconds = maker.seconds

@@ -7,26 +7,33 @@ noted only some of them.
 
 import math
 from bisect import bisect_right
-from dataclasses import fields, replace
+from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 
+from ...core.deform import TIME_STEP
 from ...core.render import Camera
-from ..camera import Orbit, changed
+from ..camera import Orbit, changed, turned_to
 from ..document import (
+    KEY,
     TICKS_PER_SECOND,
     CameraKey,
+    Event,
     Patience,
     Player,
     Session,
     SessionError,
+    load_session,
     orbit_at,
     play_patiently,
 )
 from .sight import seen_by, without_lens
+from .still import load_vertices
 
 ROUNDING = 1e-6  # ticks
 CLOSE = 20  # ticks between two views of one move
+SETTLED = 1  # times that a soft clip is played before the film begins, so that it repeats
 
 
 class Views:
@@ -35,52 +42,32 @@ class Views:
     def __init__(self, session: Session, first: Orbit):
         """Take a session, and the camera until its first view."""
         names = {f.name for f in fields(Orbit)}
-        self._ticks, self._orbits = [0], [first]
+        self._keys = [CameraKey(0, first, "linear")]
         for event in session.events:
-            if event.name in ("play", "turntable"):  # until then, the camera stays
-                self._add(event.tick, self._orbits[-1])
+            orbit = self._keys[-1].orbit
             values = {k: v for k, v in event.arguments.items() if k in names}
             if event.name == "view" and values:
-                self._add(event.tick, changed(self._orbits[-1], values))
+                self._add(event.tick, changed(orbit, values))
+            elif event.name in ("play", "turntable"):  # until then, the camera stays
+                self._add(event.tick, orbit)
 
     def _add(self, tick, orbit):
-        if tick == self._ticks[-1]:
-            self._orbits[-1] = orbit
-        else:
-            self._ticks.append(tick)
-            self._orbits.append(orbit)
+        if tick == self._keys[-1].tick:
+            self._keys.pop()
+        self._keys.append(CameraKey(tick, orbit, "linear"))
 
     def at(self, tick: float) -> Orbit:
-        """The camera when so many ticks have passed."""
-        before = max(bisect_right(self._ticks, tick) - 1, 0)
-        if before + 1 == len(self._ticks):
-            return self._orbits[-1]
-        since, until = self._ticks[before : before + 2]
-        if until - since > CLOSE:
-            return self._orbits[before]
-        return between(*self._orbits[before : before + 2], (tick - since) / (until - since))
+        """The camera when so many ticks have passed; it turns the shorter way around.
 
-
-def between(first: Orbit, second: Orbit, share: float) -> Orbit:
-    """The camera on its way from one to another; it turns the shorter way around.
-
-    There is no way between two directions that are up, or between two kinds of camera.
-    """
-    if (first.up, first.parallel) != (second.up, second.parallel):
-        return first
-    values = {
-        name: (1.0 - share) * getattr(first, name) + share * getattr(second, name)
-        for name in ("target", "distance", "pitch", "field_of_view")
-    }
-    for name in ("yaw", "roll"):
-        turn = (getattr(second, name) - getattr(first, name) + np.pi) % (2.0 * np.pi) - np.pi
-        values[name] = getattr(first, name) + share * turn
-    return replace(first, **values)
-
-
-def turned_around(orbit: Orbit, share: float) -> Orbit:
-    """The camera after a share of a turn around its target."""
-    return replace(orbit, yaw=orbit.yaw + 2.0 * np.pi * share)
+        There is no way between two directions that are up, or between two kinds of camera.
+        """
+        after = bisect_right(self._keys, tick, key=lambda key: key.tick)
+        pair = self._keys[max(after - 1, 0) : after + 1]
+        first, last = pair[0], pair[-1]
+        kinds = {(key.orbit.up, key.orbit.parallel) for key in pair}
+        if last.tick - first.tick > CLOSE or len(kinds) > 1:
+            return first.orbit
+        return orbit_at(pair, tick)
 
 
 def frame_count(seconds: float, fps: int) -> int:
@@ -88,17 +75,44 @@ def frame_count(seconds: float, fps: int) -> int:
     return math.ceil(seconds * fps - 1e-6) + 1
 
 
-def with_timeline(scene, session: Session, playing=Player) -> tuple[Session, int]:
+def clip_session(rigging, name: str, softness: float, seconds: float | None):
+    """A session in which a clip plays again and again from its beginning, as a hand plays it.
+
+    Args:
+        rigging: That has the clip, of a scene at rest.
+        seconds: How long the film is; None: as long as the clip.
+
+    Returns:
+        The session, the tick at which the film begins, and how long it is [s].
+
+    Raises:
+        SessionError: The model has no such clip.
+    """
+    names = [clip.name for clip in rigging.clips]
+    if name not in names:
+        others = f"its clips are {', '.join(names)}" if names else "it has none"
+        raise SessionError(f"the model has no clip {name!r}: {others}")
+    duration = rigging.clip(name).duration
+    seconds = max(duration, TIME_STEP) if seconds is None else seconds
+    begin = round(SETTLED * duration * TICKS_PER_SECOND) if softness > 0.0 else 0
+    ticks = begin + math.ceil(seconds * TICKS_PER_SECOND)
+    events = [
+        Event(0, "set_softness", {"softness": softness}),
+        Event(0, "play_clip", {"clip": name}),
+    ]
+    return Session({KEY: 1, "start": {}, "ticks": ticks}, events), begin, seconds
+
+
+def with_timeline(player: Player) -> tuple[Session, int]:
     """A session that goes on by playing its timeline once, and the tick at which that begins.
 
     Args:
-        scene: At rest; it is used, and at rest again.
-        playing: Makes a Player of a scene and a session.
+        player: Of the session; its scene is used, and at rest again.
 
     Raises:
         SessionError: The session has no timeline, or can't be played.
     """
-    player = playing(scene, session)
+    scene, session = player.scene, player.session
     play_patiently(player, session.ticks)
     timeline, begin = scene.timeline, scene.journal.tick
     if not timeline.end:
@@ -139,13 +153,36 @@ class Film:
             SessionError: The session can't be played.
         """
         self.scene, self.fps, self._turn, self._path = scene, fps, turn, path
+        self._playing = playing
         self._player = None if session is None else playing(scene, session)
         self._home = scene.orbit
         self._views = None if session is None else Views(session, scene.orbit)
         self._ticks = 0 if session is None else session.ticks
         self.first, self.last = 0, self._ticks  # that are shown
-        self._poses = {}  # vertices [V, 3] at ticks, for the times between
-        self._ways = {}  # of the camera from these ticks on, where the timeline moves it
+        # Of ticks, for the times between: vertices [V, 3], and how the timeline moves the camera.
+        self._played = {}
+
+    def strike(self, path: Path) -> None:
+        """Bring the object into the pose of a file, in which it stays, as there is no session.
+
+        Args:
+            path: Of a session (.jsonl), whose last pose it is, seen as there; or of vertices.
+
+        Raises:
+            ValueError: The file has no pose of this model (SessionError, PoseError).
+            OSError: It can't be read.
+        """
+        scene = self.scene
+        if path.suffix == ".jsonl":
+            session = load_session(path, scene.field)
+            play_patiently(self._playing(scene, session), session.ticks)
+            scene.handles.release()
+            scene.end_push()
+        else:
+            vertices = load_vertices(path, scene.field.mesh.vertex_count)
+            scene.solver.set_state(vertices, np.zeros_like(vertices))
+        scene.look(0.0)
+        self._home = scene.orbit
 
     def cut(self, first: int | None, last: int | None) -> None:
         """Show these ticks alone; a ValueError if the session has none of them."""
@@ -174,10 +211,10 @@ class Film:
         if self._path:
             return orbit_at(self._path, tick - self.first)
         if self._turn is not None:
-            seconds = (tick - self.first) / TICKS_PER_SECOND
-            return turned_around(self._home, seconds / self._turn)
+            turns = (tick - self.first) / TICKS_PER_SECOND / self._turn
+            return turned_to(self._home, self._home.yaw + 2.0 * np.pi * turns)
         before = math.floor(tick + ROUNDING)
-        way = self._ways.get(before)
+        _, way = self._played.get(before, (None, None))
         return self._views.at(tick) if way is None else way(max(tick - before, 0.0))
 
     def camera(self, tick: float, width: int, height: int) -> Camera:
@@ -215,10 +252,8 @@ class Film:
         play_patiently(self._player, max(oldest, journal.tick))
         for now in range(journal.tick, tick + 1):
             self._player.play_to(now)
-            self._poses[now] = self.scene.positions
-            self._ways[now] = self.scene.timeline.way_of_camera()
-        self._poses = {at: pose for at, pose in self._poses.items() if at >= oldest}
-        self._ways = {at: way for at, way in self._ways.items() if at >= oldest}
+            self._played[now] = self.scene.positions, self.scene.timeline.way_of_camera()
+        self._played = {at: found for at, found in self._played.items() if at >= oldest}
 
     def _vertices(self, tick):
         """The vertices between two ticks, on straight ways.  [V, 3]; None without a session"""
@@ -227,6 +262,6 @@ class Film:
         before = math.floor(tick + ROUNDING)
         share = tick - before
         if share < ROUNDING:
-            return self._poses[before]
+            return self._played[before][0]
         self._play_to(before + 1)
-        return (1.0 - share) * self._poses[before] + share * self._poses[before + 1]
+        return (1.0 - share) * self._played[before][0] + share * self._played[before + 1][0]

@@ -26,11 +26,8 @@ class FilmJob(ProcessJob):
         """Take a field and its name, and arguments of deformrf render."""
 
         def whole(folder):
-            return [
-                str(fields.save_exactly(field, folder / f"{name}.npz")),
-                *arguments,
-                "--log-events",
-            ]
+            model = fields.save_exactly(field, folder / f"{name}.npz")
+            return [str(model), *arguments, "--log-events"]
 
         super().__init__(CODE, whole)
 

@@ -7,8 +7,11 @@ a thread encodes (video.py).  No frame is dropped.
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
+from ..layers import Canvas, RadianceLayer
 from .film import Film
+from .recorder import Recorder
 
 STEPS = "playing", "rendering", "drawing", "waiting"
 
@@ -24,47 +27,57 @@ class FilmOptions:
     mode: str | None = None  # None: what the session shows
 
 
-class FilmMaker:
-    """Writes the frames of a Film into the video that the App's recorder has started."""
+class Stage(Protocol):
+    """Where frames are drawn and kept: what a FilmMaker needs of the App."""
 
-    def __init__(self, app, film: Film, options: FilmOptions):
+    size: tuple[int, int]  # of the canvas [pixels]
+    canvas: Canvas
+    radiance: RadianceLayer
+    recorder: Recorder
+
+    def draw(self, camera, keep: bool) -> None: ...
+
+
+class FilmMaker:
+    """Writes the frames of a Film into the video that a recorder has started."""
+
+    def __init__(self, stage: Stage, film: Film, options: FilmOptions):
         self.seconds = dict.fromkeys(STEPS, 0.0)
         self.made = 0  # frames
-        self._app, self._film, self._options = app, film, options
+        self._stage, self._film, self._options = stage, film, options
         self._drawn = False  # a frame that was not read yet
         self._since = time.perf_counter()
-        app.radiance.transparent = options.transparent
+        stage.radiance.transparent = options.transparent
 
     def make(self, frame: int) -> bool:
         """Make the next frame; whether files can still be written."""
-        app, options = self._app, self._options
-        settings = app.scene.settings
+        stage, options = self._stage, self._options
+        settings = self._film.scene.settings
         with self._step("playing"):
             self._film.show(frame)
             settings.show_handles &= options.show_handles
             settings.show_bones &= options.show_handles
             settings.mode = options.mode or settings.mode
-            moments = self._film.moments(frame, app.size, options.samples, options.shutter)
+            moments = self._film.moments(frame, stage.size, options.samples, options.shutter)
         with self._step("rendering"):
-            app.radiance.render_mean(moments)
+            stage.radiance.render_mean(moments)
         self.finish()
         with self._step("drawing"):
-            app.window.switch_to()
-            app.radiance.upload()
-            app.draw(moments[-1][0], keep=False)
-            app.canvas.flush()
+            stage.radiance.upload()
+            stage.draw(moments[-1][0], keep=False)
+            stage.canvas.flush()
         self._drawn = True
-        return not app.recorder.failed
+        return not stage.recorder.failed
 
     def finish(self) -> None:
         """Hand the frame that was drawn to the encoder."""
-        if not self._drawn or self._app.recorder.video is None:  # which a full disk has ended
+        if not self._drawn or self._stage.recorder.video is None:  # which a full disk has ended
             return
         self._drawn = False
         with self._step("drawing"):
-            image = self._app.canvas.read(4 if self._options.transparent else 3)
+            image = self._stage.canvas.read(4 if self._options.transparent else 3)
         with self._step("waiting"):
-            self._app.recorder.add(image)
+            self._stage.recorder.add(image)
         self.made += 1
 
     def report(self, encoding: float) -> str:

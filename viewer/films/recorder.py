@@ -2,6 +2,7 @@
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from ...core.base.streams import printable
 from ...core.field import save
 from ..document import save_project, save_session
 from ..files import readable, save_surface
-from .video import PictureSeries, VideoWriter, save_png
+from .video import FrameWriter, PictureSeries, VideoWriter, save_png
 
 MESSAGE_SECONDS = 6.0
 
@@ -22,7 +23,7 @@ class Recorder:
 
     def __init__(self, canvas, log, fps: int):
         """Take a Canvas, an EventLog, and the frame rate of videos."""
-        self.video: VideoWriter | PictureSeries | None = None  # that is being recorded
+        self.video: FrameWriter | None = None  # that is being recorded
         self.written: list[Path] = []  # files that are finished
         self.failed = False  # whether a file was lost
         self._canvas, self._log, self._fps = canvas, log, fps
@@ -110,27 +111,17 @@ class Recorder:
         if self._screenshot is None:
             return
         path, self._screenshot = self._screenshot, None
-        try:
-            self.finished(save_png(path, self._canvas.read() if image is None else image))
-        except OSError as error:
-            self._fail(f"can't write {path}: {error.strerror or error}")
+        self._write(path, save_png, path, self._canvas.read() if image is None else image)
 
     def save_model(self, field) -> None:
         """Write a TetField as a model file into the current folder."""
-        path = stamped("model", ".npz")
-        try:
-            save(field, path, entry_bits=field.entry_bits or 8)  # in training it has no file yet
-            self.finished(path)
-        except OSError as error:
-            self._fail(f"can't write {path}: {error.strerror or error}")
+        path, bits = stamped("model", ".npz"), field.entry_bits or 8  # in training it has no file
+        self._write(path, partial(save, field, path, entry_bits=bits))
 
     def save_surface(self, surface, ending: str, attribution: str = "") -> None:
         """Write an export.SurfaceMesh into the current folder."""
         path = stamped("mesh", ending)
-        try:
-            self.finished(save_surface(surface, path, attribution))
-        except OSError as error:
-            self._fail(f"can't write {path}: {error.strerror or error}")
+        self._write(path, save_surface, surface, path, attribution)
 
     def save_session(self, opened, start: dict, path: Path | None = None) -> str:
         """Write what was done to an object, by default into the current folder.
@@ -147,16 +138,21 @@ class Recorder:
 
     def _save(self, save, opened, start, path):
         told = []
+        problem = self._write(path, save, opened, start, path, told.append)
+        for sentence in [] if problem else told:
+            self.say(f"wrote {path}, but {sentence}")
+        return problem
+
+    def _write(self, path, write, *arguments) -> str:
+        """Call what writes a file, and tell of it; returns a sentence if that fails."""
         try:
-            save(opened, start, path, told.append)
+            write(*arguments)
         except OSError as error:
             self._fail(f"can't write {path}: {error.strerror or error}")
         except ValueError as error:  # a SessionError, as it is too long
             self._fail(str(error))
         else:
             self.finished(path)
-            for sentence in told:
-                self.say(f"wrote {path}, but {sentence}")
             return ""
         return self.message
 

@@ -41,15 +41,9 @@ def seen_by(orbit: Orbit, width: int, height: int) -> Camera:
         return camera
     focal, distortion = camera.lens.focal[1], orbit.distortion.tolist()
     center = 0.5 * np.array([width, height]) + orbit.shift * height
-    lens = Lens(
-        width,
-        height,
-        (orbit.stretch * focal, focal),
-        tuple(center.tolist()),
-        tuple(distortion[:4]),
-        tuple(distortion[4:]),
-    )
-    return replace(camera, lens=lens)
+    both = {"focal": (orbit.stretch * focal, focal), "center": tuple(center.tolist())}
+    bent = {"radial": tuple(distortion[:4]), "tangential": tuple(distortion[4:])}
+    return replace(camera, lens=replace(camera.lens, **both, **bent))
 
 
 def without_lens(orbit: Orbit) -> Orbit:

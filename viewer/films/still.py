@@ -1,4 +1,4 @@
-"""A pose that doesn't move, for films: from a file of vertices, or the end of a session."""
+"""A pose for films from a file of vertices, in model units."""
 
 import zipfile
 import zlib
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.base.reading import check_file
-from ..document import FARTHEST_POINT, Player, load_session, play_patiently
+from ..document import FARTHEST_POINT
 
 NAME = "vertices"  # of the array in an .npz file
 KINDS = "<f4", "<f8"
@@ -21,33 +21,14 @@ class PoseError(ValueError):
     """A file has no pose of the model; the message is one sentence."""
 
 
-def strike(scene, path: Path, playing=Player) -> None:
-    """Bring a scene at rest into the pose of a file, and let go of it.
-
-    Args:
-        path: Of a session (.jsonl), whose last pose it is, seen as there; or of an array [V, 3]
-            of numbers in model units, .npy or .npz with an array "vertices".
-        playing: Makes a Player of a scene and a session.
+def load_vertices(path: Path, count: int):
+    """The vertices of a file: .npy, or .npz with an array "vertices".  [count, 3] float32
 
     Raises:
-        ValueError: The file has no pose of this model (SessionError, PoseError).
+        PoseError: It has no such numbers.
         OSError: It can't be read.
     """
-    path = Path(path)
     check_file(path)
-    if path.suffix == ".jsonl":
-        session = load_session(path, scene.field)
-        play_patiently(playing(scene, session), session.ticks)
-        scene.handles.release()
-        scene.end_push()
-    else:
-        vertices = load_vertices(path, scene.field.mesh.vertex_count)
-        scene.solver.set_state(vertices, np.zeros_like(vertices))
-    scene.look(0.0)
-
-
-def load_vertices(path: Path, count: int):
-    """The vertices of a file.  [count, 3] float32"""
     try:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as archive, archive.open(f"{NAME}.npy") as stream:

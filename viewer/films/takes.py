@@ -7,7 +7,6 @@ in full, whatever the window showed (film_job.py).
 import os
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -32,25 +31,12 @@ class FilmedApp(Protocol):
     def saved(self) -> None: ...
 
 
-@dataclass(frozen=True)
-class Take:
-    """A section of a session."""
-
-    first: int  # tick
-    last: int
-
-    @property
-    def seconds(self) -> float:
-        """Of the object's time."""
-        return (self.last - self.first) / TICKS_PER_SECOND
-
-
 class Takes:
     """Marks sections of a session, and makes films.
 
     Attributes:
         choices: Of the dialog.
-        take: The last one.
+        take: The first and the last tick of the last one.
         job: The film that is being rendered.
         asking: Whether the dialog is open.
         problem: Why there is no film of these choices.
@@ -61,7 +47,7 @@ class Takes:
 
     def __init__(self, filmed: FilmedApp):
         self.choices = FilmChoices(folder=filmed.preferences.film_folder)
-        self.take: Take | None = None
+        self.take: tuple[int, int] | None = None
         self.job: FilmJob | None = None
         self.asking = self.failed = self.shows_frame = False
         self.problem = ""
@@ -100,7 +86,7 @@ class Takes:
             self._filmed.scene.note_view()
             self._began = journal, journal.tick
             return
-        self.take, self._began = Take(self._began[1], journal.tick), None
+        self.take, self._began = (self._began[1], journal.tick), None
         if self.why_not("take"):
             self._filmed.recorder.say(f"no film: {self.why_not('take')}")
         else:
@@ -119,12 +105,12 @@ class Takes:
 
     def film_seconds(self, what: str) -> float:
         """How long a film of one of KINDS would be; 0: there is none."""
-        scene, take = self._filmed.scene, self.take
         if what == "turntable":
             return self.choices.turn_seconds
-        if what == "take":
-            return take.seconds if take is not None and take.last <= scene.journal.tick else 0.0
-        return (scene.timeline.end if what == "timeline" else scene.journal.tick) / TICKS_PER_SECOND
+        timeline, now = self._filmed.scene.timeline, self._filmed.scene.journal.tick
+        first, last = self.take or (0, 0)
+        ticks = {"take": last - first if last <= now else 0, "timeline": timeline.end, "all": now}
+        return ticks[what] / TICKS_PER_SECOND
 
     def why_not(self, what: str) -> str:
         """Why there is no film of one of KINDS; empty if there is."""
@@ -156,7 +142,8 @@ class Takes:
         if problem:
             return problem
         self._filmed.saved()
-        self.job = self._begin([*self._arguments(session), "-o", str(path)])
+        arguments = choices.arguments(self.size, session, self.take)
+        self.job = self._begin([*arguments, "-o", str(path)])
         self._filmed.log("film", path=path)
         self._filmed.preferences.film_folder = choices.folder
         self.asking = False
@@ -195,7 +182,8 @@ class Takes:
         if self.why_not(choices.what) or choices.size_problem(self.size):
             return None
         at = self._scratch()
-        return [*self._arguments(at / "film.jsonl"), "-o", str(at / f"film{choices.ending}")]
+        arguments = choices.arguments(self.size, at / "film.jsonl", self.take)
+        return [*arguments, "-o", str(at / f"film{choices.ending}")]
 
     def _scratch(self) -> Path:
         """A folder for the sessions of estimates."""
@@ -217,10 +205,6 @@ class Takes:
         if self.job is not None:
             self.job.close()
             self.update()
-
-    def _arguments(self, session: Path) -> list[str]:
-        take = None if self.take is None else (self.take.first, self.take.last)
-        return [*self.choices.arguments(self.size), *self.choices.shown(session, take)]
 
     def _begin(self, arguments: list[str]) -> FilmJob:
         scene = self._filmed.scene

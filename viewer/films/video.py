@@ -18,6 +18,7 @@ import threading
 import time
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,64 @@ PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
 BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
 
 
-class VideoWriter:
+class FrameWriter:
+    """A file or a folder at `partial` that frames are written to until it gets its name, `path`."""
+
+    repeated_count = dropped_count = 0  # frames that are repeats; images that were left out
+
+    def __init__(self, path: Path, target: Path, partial: Path, fps: int, transparent: bool):
+        """Take its path and what lies there, as behind a link."""
+        self.path, self._target, self.partial = path, target, partial
+        self.fps, self._transparent = fps, transparent
+        self.frame_count = 0  # that are written, or wait for it
+        self.encoding_seconds = 0.0  # of all threads together
+        self._ended = self._named = False  # no image comes any more; it gets its name
+
+    @property
+    def seconds(self) -> float:
+        """Its length so far."""
+        return self.frame_count / self.fps
+
+    def due(self) -> bool:
+        """Whether an image that is pushed now would become a frame."""
+        return True
+
+    def close(self, cut_short: bool = False) -> Path:
+        """Finish it and give it its name, or that of one that was to be longer.
+
+        After an interrupt it can be called again, and goes on as the first call would have.
+
+        Raises:
+            RuntimeError: Frames can't be written, or there is none, and no file.
+        """
+        if cut_short and not self._ended:
+            self.path = self._target = cut_short_name(self.path)
+        self._ended = True
+        self._finish()
+        if not self.frame_count:  # an older file is better
+            self._discard()
+            raise RuntimeError(f"{self.path} was not written: it would have no frame")
+        try:
+            if self.partial.exists() or not self._named:
+                self._settle()
+                self._named = True
+                self.partial.replace(self._target)
+        except OSError as error:  # its folder was deleted, say
+            lost = self._discard()
+            raise RuntimeError(f"can't write {self.path}: {error.strerror}{lost}") from error
+        return self.path
+
+    def _finish(self):
+        """Wait until all images are written; raises a RuntimeError if one can't be."""
+
+    def _settle(self):
+        """All is written: make it ready for its name."""
+
+    def _discard(self) -> str:
+        """There will be no such file; returns where its frames are, if they are kept."""
+
+
+class VideoWriter(FrameWriter):
     """A video file that is being written."""
 
     def __init__(
@@ -51,33 +109,28 @@ class VideoWriter:
             ValueError: There is no encoder for it.
             OSError: The file can't be opened.
         """
-        self.path = Path(path)
-        self._target = target_of(self.path)
-        chosen = encoder(self.path, codec, transparent)
+        path, target = Path(path), target_of(Path(path))
+        chosen = encoder(path, codec, transparent)
         # Or it prints its version.  It is read when the encoder opens.
         os.environ.setdefault("SVT_LOG", "1")
         try:
-            self.partial = reserved(self._target)
+            partial = reserved(target)
         except OSError:  # the encoder finds the same, and says so with the first image
-            self.partial = self._target.with_name(f".{self.path.stem}.part{self.path.suffix}")
+            partial = target.with_name(f".{path.stem}.part{path.suffix}")
+        super().__init__(path, target, partial, fps, transparent)
         self.width, self.height = self._size = max(size[0] & ~1, 2), max(size[1] & ~1, 2)
-        self.fps = fps
-        self.frame_count = 0  # in the file, or queued for it
-        self.encoding_seconds = 0.0  # of the thread
-        self.repeated_count = self.dropped_count = 0  # frames that are repeats; images left out
         self._clock = clock
         self._start = clock() if clock else 0.0
         self._pending = None  # with a clock: the last image, and the frame number it starts at
         self._error = None
-        self._ended = self._named = False  # no image comes any more; it gets its name
         self._queue = queue.Queue(waiting(self.width, self.height))  # of (image, how many frames)
         try:
-            self._open(chosen, transparent)
+            self._open(chosen)
         except BaseException:
             discard(self.partial)
             raise
 
-    def _open(self, chosen, transparent):
+    def _open(self, chosen):
         """Open the file, and start the thread that writes it."""
         import av
 
@@ -87,9 +140,8 @@ class VideoWriter:
             chosen.name, rate=self.fps, options=chosen.options
         )
         self._stream.width, self._stream.height = self.width, self.height
-        self._transparent = transparent
-        self._stream.pix_fmt = chosen.transparent if transparent else chosen.pixels
-        if transparent:
+        self._stream.pix_fmt = chosen.transparent if self._transparent else chosen.pixels
+        if self._transparent:
             self._stream.metadata["alpha_mode"] = "1"  # how WebM says it
         context = self._stream.codec_context
         context.thread_type = "AUTO"  # PyAV's default divides each frame, which takes longer
@@ -101,13 +153,9 @@ class VideoWriter:
 
     @property
     def seconds(self) -> float:
-        """Length of the video so far."""
-        if self._clock:
-            return self._clock() - self._start
-        return self.frame_count / self.fps
+        return self._clock() - self._start if self._clock else super().seconds
 
     def due(self) -> bool:
-        """Whether an image that is pushed now would become a frame."""
         return self._pending is None or self._now() > self._pending[1]
 
     def push(self, image) -> None:
@@ -132,38 +180,23 @@ class VideoWriter:
             number = self._pending[1]
         self._pending = image, number
 
-    def close(self, cut_short: bool = False) -> Path:
-        """Finish the file and give it its name, or that of one that was to be longer.
-
-        After an interrupt it can be called again, and goes on as the first call would have.
-
-        Raises:
-            RuntimeError: The encoder failed, or got no image; there is no file.
-        """
-        if cut_short and not self._ended:
-            self.path = self._target = cut_short_name(self.path)
-        self._ended = True
+    def _finish(self):
         if self._pending:
             self._queue_pending(until=max(self._now(), self._pending[1] + 1), wait=True)
             self._pending = None
         if self._thread.is_alive():
             self._queue.put(None)
         self._thread.join()
-        empty = not self.frame_count and self.partial.exists()  # an older file is better
-        if self._error or empty:
-            discard(self.partial)
-            if self.frame_count:
-                raise self._failure() from self._error
-            raise RuntimeError(f"{self.path} was not written: it would have no frame")
-        try:
-            if self.partial.exists() or not self._named:
-                sync(self.partial)
-                self._named = True
-                os.replace(self.partial, self._target)
-        except OSError as error:  # its folder was deleted, say
-            discard(self.partial)
-            raise RuntimeError(f"can't write {self.path}: {error.strerror}") from error
-        return self.path
+        if self._error and self.frame_count:
+            self._discard()
+            raise self._failure() from self._error
+
+    def _settle(self):
+        sync(self.partial)
+
+    def _discard(self):
+        discard(self.partial)
+        return ""
 
     def _failure(self):
         """The error of the encoder's thread, in one sentence."""
@@ -212,28 +245,16 @@ class VideoWriter:
                 pass
 
 
-class PictureSeries:
+class PictureSeries(FrameWriter):
     """A folder of PNG files 00000.png, 00001.png ... that is being filled, one for each frame."""
-
-    repeated_count = dropped_count = 0
 
     def __init__(self, path: Path, fps: int, transparent: bool = False):
         """Take a folder that is empty or not there yet."""
-        self.path, self.fps, self.frame_count = Path(path), fps, 0
-        self.partial = free_name(self.path, ".part")
-        self.encoding_seconds = 0.0  # of all threads together
-        self._ended = self._named = False
-        self._transparent = transparent
+        path = Path(path)
+        super().__init__(path, path, free_name(path, ".part"), fps, transparent)
         self._pool = ThreadPoolExecutor(thread_count())  # zlib runs beside the interpreter
         self._waiting = deque()  # futures
         self.partial.mkdir(parents=True)
-
-    @property
-    def seconds(self) -> float:
-        return self.frame_count / self.fps
-
-    def due(self) -> bool:
-        return True
 
     def push(self, image) -> None:
         """Add an image [H, W, 3 or 4] uint8, top row first, which may not change any more.
@@ -246,34 +267,22 @@ class PictureSeries:
         self.frame_count += 1
         self._wait(waiting(*image.shape[:2]))
 
-    def close(self, cut_short: bool = False) -> Path:
-        """Wait until all are written, and give the folder its name, as VideoWriter does.
-
-        Raises:
-            RuntimeError: One can't be written, or the folder can't have its name.
-        """
-        if cut_short and not self._ended:
-            self.path = cut_short_name(self.path)
-        self._ended = True
+    def _finish(self):
         try:
             self._wait(0)
         except Exception:
             self._pool.shutdown(cancel_futures=True)
             raise
         self._pool.shutdown()
-        if not self.frame_count:
+
+    def _settle(self):
+        if self.path.is_dir():
+            self.path.rmdir()  # it was there, and empty
+
+    def _discard(self):
+        with suppress(OSError):  # it has pictures
             self.partial.rmdir()
-            raise RuntimeError(f"{self.path} was not written: it would have no frame")
-        try:
-            if self.partial.exists() or not self._named:
-                if self.path.is_dir():
-                    self.path.rmdir()  # it was there, and empty
-                self._named = True
-                self.partial.rename(self.path)
-        except OSError as error:
-            where = f"the pictures are in {self.partial}"
-            raise RuntimeError(f"can't write {self.path}: {error.strerror}; {where}") from error
-        return self.path
+        return f"; the pictures are in {self.partial}"
 
     def _wait(self, count):
         """Wait until no more than that many images are being written."""

@@ -20,7 +20,6 @@ from .viewport import CLICK_SLACK
 ORBITS = {"alt": ALT, "ctrl": CTRL, "shift": SHIFT}  # of Settings.orbit_key
 PAUSED = "paused: it follows when time goes on (Space), by a step (.), or in Pose (N)"
 STAYS = "it stays there; a click on the golden point lets it go"
-NOTHING = "nothing to {}: select red points, or point at one"
 DOUBLE_CLICK = 0.4  # s between two presses at one place
 WIDER_PER_NOTCH = 1.15  # the grab radius, during a drag
 
@@ -30,7 +29,6 @@ class Bend(DragTool):
 
     Attributes:
         spot: Of the surface, where a drag from under the mouse would take hold; or None.  [3]
-        dragging: The Drag of what is grabbed.
     """
 
     word = "Bend"
@@ -39,19 +37,18 @@ class Bend(DragTool):
         "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"
     )
 
-    spot = dragging = None
+    spot = None
     _picked = _pin = None  # a handle that a drag would grab, a pin that a click frees
     _before = -np.inf, np.zeros(2)  # when and where a button went down before
 
     def hover(self, pixel) -> None:
-        handles = self.scene.handles
-        control = self.pick(pixel)
-        pin = self.pick(pixel, handles.pin_ids) if control is None else None
-        handles.hover = found = pin if control is None else control
+        control = self.view.pick(pixel)
+        pin = self.view.pick(pixel, self.handles.pin_ids) if control is None else None
+        self.handles.hover = found = pin if control is None else control
         self.spot = self._place_under(pixel) if found is None else None
 
     def leave(self) -> None:
-        self.scene.handles.hover = self.spot = None
+        self.handles.hover = self.spot = None
 
     def _place_under(self, pixel):
         """The place of the object's surface that a drag from a pixel takes; None if it orbits."""
@@ -62,10 +59,10 @@ class Bend(DragTool):
     # -- the mouse -----------------------------------------------------------------------
 
     def press(self, pixel, modifiers) -> bool:
-        handles, settings = self.scene.handles, self.scene.settings
-        handle, self.spot = self.pick(pixel), None
+        settings = self.scene.settings
+        handle, self.spot = self.view.pick(pixel), None
         if handle is None:
-            self._pin = self.pick(pixel, handles.pin_ids)
+            self._pin = self.view.pick(pixel, self.handles.pin_ids)
             if self._pin is None and self._is_second(pixel):
                 return self._add_point(pixel)
             if self._pin is None and not modifiers & ORBITS[settings.orbit_key]:
@@ -74,8 +71,8 @@ class Bend(DragTool):
             return self._pin is not None or self.spot is not None
         self.mode, self._picked = "pick", handle
         if modifiers & (SHIFT | CTRL):
-            handles.select([handle], "toggle" if modifiers & SHIFT else "remove")
-            self._picked = handle if handle in handles.selected else None
+            self.handles.select([handle], "toggle" if modifiers & SHIFT else "remove")
+            self._picked = handle if handle in self.handles.selected else None
         return True
 
     def _is_second(self, pixel):
@@ -90,14 +87,14 @@ class Bend(DragTool):
         point = self.view.surface_at(pixel, beside=False)
         if not self._has_room() or point is None:
             return False
-        self._picked, self.mode = self.scene.handles.add_point(point), "pick"
-        self.told.log("add_point", vertex=self._picked, position=point)
+        self._picked, self.mode = self.handles.add_point(point), "pick"
+        self.view.log("add_point", vertex=self._picked, position=point)
         return True
 
     def _has_room(self):
         """Whether there can be another control point."""
-        if len(self.scene.handles.points) >= MOST_ADDED:
-            self.told.say(f"{MOST_ADDED} red points are the most")
+        if len(self.handles.points) >= MOST_ADDED:
+            self.view.say(f"{MOST_ADDED} red points are the most")
             return False
         return True
 
@@ -127,40 +124,36 @@ class Bend(DragTool):
             self._end_click(modifiers)
 
     def click(self, pixel) -> None:
-        handles = self.scene.handles
-        if handles.selected:
-            handles.select([])
-            self.told.log("select", vertices=[])
+        if self.handles.selected:
+            self.handles.select([])
+            self.view.log("select", vertices=[])
 
     def _end_click(self, modifiers):
         """A click on a handle: a posed one is let go, any other one selected."""
-        handles = self.scene.handles
         # Where the press took it out of the selection, it is none, also if Shift is up again.
         alone = self._picked is not None and not modifiers & (SHIFT | CTRL)
-        if alone and self._picked in handles.posed:
+        if alone and self._picked in self.handles.posed:
             self._set_pin(self._picked, False)
             return
         if alone:
-            handles.select([self._picked])
-        self.told.log("select", vertices=handles.selected)
+            self.handles.select([self._picked])
+        self.view.log("select", vertices=self.handles.selected)
 
     def wheel(self, notches) -> bool:
-        handles = self.scene.handles
-        if self.mode != "grab" or handles.grabbed is None:
+        if self.mode != "grab" or self.handles.grabbed is None:
             return False
-        handles.widen(WIDER_PER_NOTCH**notches)
-        self.told.say(f"grab radius {self.scene.settings.grab_radius:.2f} of the size")
+        self.handles.widen(WIDER_PER_NOTCH**notches)
+        self.view.say(f"grab radius {self.scene.settings.grab_radius:.2f} of the size")
         return True
 
     def cancel(self) -> None:
-        handles = self.scene.handles
-        if self.mode == "grab" and handles.grabbed is not None:
-            vertex = handles.grabbed.handles[0]
-            handles.cancel()
-            self.told.log("cancel", vertex=vertex)
+        if self.mode == "grab" and self.handles.grabbed is not None:
+            vertex = self._vertex
+            self.handles.cancel()
+            self.view.log("cancel", vertex=vertex)
 
     def end(self) -> None:
-        self.mode, self.dragging, self.spot = "", None, None
+        self.mode, self.drag, self.spot = "", None, None
         self._picked = self._pin = None
 
     # -- a drag --------------------------------------------------------------------------
@@ -169,145 +162,134 @@ class Bend(DragTool):
         """Begin the drag of the place on which the button went down."""
         place, self.spot = self.spot, None
         if self._has_room():
-            handles = self.scene.handles
-            handles.grab_place(place)
-            self._begin_drag(handles.grabbed.handles[0])
+            self.handles.grab_place(place)
+            self._begin_drag()
 
     def grab(self, handle) -> None:
         """Begin the drag of a handle on which the button went down."""
-        handles = self.scene.handles
-        if handle not in handles.selected:
-            handles.select([])
-        handles.grab(handle)
-        handles.hover = handle
-        self._begin_drag(handle)
+        if handle not in self.handles.selected:
+            self.handles.select([])
+        self.handles.grab(handle)
+        self.handles.hover = handle
+        self._begin_drag()
 
     def _grab_selected(self):
         """Begin the drag of what is selected, as a gizmo or a key does."""
-        self.scene.handles.grab_selected()
-        self._begin_drag(self.scene.handles.grabbed.handles[0])
+        self.handles.grab_selected()
+        self._begin_drag()
 
-    def _begin_drag(self, handle):
-        scene, view = self.scene, self.view
+    @property
+    def _vertex(self):
+        """The first handle of what is grabbed."""
+        return self.handles.grabbed.handles[0]
+
+    def _begin_drag(self):
+        scene, view, handle = self.scene, self.view, self._vertex
         (center,), _ = project(view.camera, self._place(handle)[None])
         held = Constraint(own=self._axes())
-        self.dragging = drags.Drag(view.press_at, view.press_at - center, held=held)
+        self.drag = drags.Drag(view.press_at, view.press_at - center, held=held)
         view.pointer = view.press_at
         self.mode = "grab"
         if scene.clock.paused and scene.settings.hand != "pose":
-            self.told.say(PAUSED)
-        self.told.log("grab", vertex=handle, position=self._place(handle), pixel=center)
+            self.view.say(PAUSED)
+        self.view.log("grab", vertex=handle, position=self._place(handle), pixel=center)
 
     def finish(self) -> None:
-        handles = self.scene.handles
-        if handles.grabbed is not None:
-            vertex = handles.grabbed.handles[0]
+        if self.handles.grabbed is not None:
+            vertex = self._vertex
             position = self._place(vertex)
-            handles.let_go()
-            if vertex in handles.posed:
-                self.told.say(STAYS)
+            self.handles.let_go()
+            if vertex in self.handles.posed:
+                self.view.say(STAYS)
             self.scene.settings.has_dragged = True
-            self.told.log("release", vertex=vertex, position=position)
+            self.view.log("release", vertex=vertex, position=position)
 
     def pin(self) -> bool:
         """Pin what is held, where it is; else what is selected or under the mouse."""
-        handles = self.scene.handles
         if self.mode == "grab":
-            if handles.grabbed is not None:
-                vertex = handles.grabbed.handles[0]
-                handles.pin_grab()
-                self.told.log("pin", vertex=vertex, position=self._place(vertex))
+            if self.handles.grabbed is not None:
+                vertex = self._vertex
+                self.handles.pin_grab()
+                self.view.log("pin", vertex=vertex, position=self._place(vertex))
             return True
-        chosen = handles.selected or [one for one in [handles.hover] if one is not None]
+        chosen = self.handles.selected or [one for one in [self.handles.hover] if one is not None]
         if not chosen:
-            self.told.say("nothing to pin: select red points, or point at one")
+            self.view.say("nothing to pin: select red points, or point at one")
             return False
+        handles = self.handles
         free = [one for one in chosen if one in handles.posed or not handles.is_pinned(one)]
-        handles.set_pins(free or chosen, bool(free))
-        self.told.log("pin" if free else "free", vertex=chosen[0])
+        self.handles.set_pins(free or chosen, bool(free))
+        self.view.log("pin" if free else "free", vertex=chosen[0])
         return False
 
     def _place(self, handle):
-        return self.scene.handles.at([handle])[0]
+        return self.handles.at([handle])[0]
 
     def _set_pin(self, vertex, pinned):
-        self.scene.handles.set_pin(vertex, pinned)
-        self.told.log("pin" if pinned else "free", vertex=vertex)
+        self.handles.set_pin(vertex, pinned)
+        self.view.log("pin" if pinned else "free", vertex=vertex)
 
     # -- by keys and by the gizmo --------------------------------------------------------
 
     @property
     def gizmo(self):
-        scene, settings = self.scene, self.scene.settings
-        ids = scene.handles.takeable if settings.show_handles and settings.gizmo != "off" else []
+        settings = self.scene.settings
+        ids = self.handles.takeable if settings.show_handles and settings.gizmo != "off" else []
         if not ids:
             return None
         axes = self._axes() if settings.own_axes else np.eye(3)
-        return Gizmo(settings.gizmo, scene.handles.at(ids).mean(axis=0), axes)
+        return Gizmo(settings.gizmo, self.handles.at(ids).mean(axis=0), axes)
 
     def has_before_gizmo(self, pixel) -> bool:
-        return self.pick(pixel) is not None
+        return self.view.pick(pixel) is not None
 
     def _axes(self):
         """What has become of model space's axes where the selection is, in columns.  [3, 3]"""
-        scene, handles = self.scene, self.scene.handles
-        held = handles.takeable if handles.grabbed is None else handles.grabbed.handles
+        scene, grabbed = self.scene, self.handles.grabbed
+        held = self.handles.takeable if grabbed is None else grabbed.handles
         if not held:
             return np.eye(3)
-        ids = np.unique(np.concatenate([handles.corners(one) for one in held]))
+        ids = np.unique(np.concatenate([self.handles.corners(one) for one in held]))
         if len(ids) < 4:  # single vertices: freed pins
-            ids = handles.patch(held[0], scene.grab_radius)
+            ids = self.handles.patch(held[0], scene.grab_radius)
         return best_rotation(scene.field.mesh.rest_vertices[ids], scene.positions[ids])
 
     @property
     def held_drag(self):
-        held = self.mode == "grab" and self.scene.handles.grabbed is not None
-        return self.dragging if held else None
+        held = self.mode == "grab" and self.handles.grabbed is not None
+        return self.drag if held else None
 
     @property
     def drag_place(self):
-        motion, drag = self.scene.handles.grabbed.target, self.dragging
+        motion, drag = self.handles.grabbed.target, self.drag
         return motion.place + (drag.anchor if drag.kind == MOVE else motion.center)
 
     def follow(self, pixel) -> None:
         if self.held_drag is not None:  # a reset lets go while a button is down
-            drags.follow(
-                self.dragging, self.scene.handles, self.view.camera, pixel, self.view.ratio
-            )
+            drags.follow(self.drag, self.handles, self.view.camera, pixel, self.view.ratio)
 
     def take(self, kind) -> bool:
-        handles = self.scene.handles
-        chosen = handles.takeable if self.scene.settings.show_handles else []
-        if chosen and not drags.is_ahead(self.view.camera, handles.at(chosen).mean(axis=0)):
-            self.told.say(drags.BEHIND)
+        chosen = self.handles.takeable if self.scene.settings.show_handles else []
+        if chosen and not drags.is_ahead(self.view.camera, self.handles.at(chosen).mean(axis=0)):
+            self.view.say(drags.BEHIND)
         elif chosen:
             self._grab_selected()
-        elif handles.hover in handles.control_ids:
-            self.grab(handles.hover)
+        elif self.handles.hover in self.handles.control_ids:
+            self.grab(self.handles.hover)
         elif self.spot is not None:
             self._grab_place()
         else:
-            self.told.say(NOTHING.format(kind))
+            self.view.say(drags.NOTHING.format(kind))
         if self.mode != "grab":
             return False
-        self._hold(kind, self.view.pointer)
+        # From now on the mouse has it by its middle.
+        self.drag.anchor = self.handles.grabbed.target.center
+        self._go_on(kind, self.view.press_at)
         return True
-
-    def take_part(self, kind) -> bool:
-        self._grab_selected()
-        self._hold(kind, self.view.press_at)
-        return True
-
-    def _hold(self, kind, pixel):
-        """Let what was grabbed go by its middle from now on, which the mouse has at a pixel [2]."""
-        motion, drag = self.scene.handles.grabbed.target, self.dragging
-        middle = motion.place + motion.center
-        drag.anchor, drag.miss = motion.center, drags.miss_of(self.view.camera, pixel, middle)
-        drag.begin(kind, motion, pixel)
 
     def turn_into(self, kind) -> None:
-        motion, drag, view = self.scene.handles.grabbed.target, self.dragging, self.view
-        kind = MOVE if drag.kind == kind else kind
-        drag.begin(kind, motion, view.pointer)
-        if kind == MOVE:
-            drag.miss = drags.miss_of(view.camera, view.pointer, motion.place + drag.anchor)
+        self._go_on(MOVE if self.drag.kind == kind else kind, self.view.pointer)
+
+    def _go_on(self, kind, pixel):
+        motion, drag = self.handles.grabbed.target, self.drag
+        drag.begin(kind, motion, self.view.camera, pixel, motion.place + drag.anchor)

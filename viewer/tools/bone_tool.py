@@ -3,16 +3,15 @@
 Pixels are the image's, x to the right, y down.
 """
 
-import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...wings.rig import BonePose, reach, turned
-from ..camera import project, ray
+from ...wings.rig import reach, turned
+from ..camera import away_from_lines, project, ray
 from ..document import HEAD, TAIL, Joint, Matter
-from .constraints import MOVE, SCALE, TURN, Constraint
-from .drags import BEHIND, is_ahead, miss_of
+from .constraints import MOVE, SCALE, TURN
+from .drags import BEHIND, Drag, is_ahead, miss_of
 from .gizmo import Gizmo
 from .tool import DragTool
 
@@ -20,37 +19,24 @@ PICK = 9.0  # points from a joint's middle, or from a bone's line, where the mou
 AWAY = 1e-3  # object sizes: joints are placed on an object that is no farther from rest
 
 
-@dataclass
-class BoneDrag:
-    """A drag of a joint or a bone."""
+@dataclass(kw_only=True)
+class BoneDrag(Drag):
+    """A drag of a joint or a bone, which reaches or turns; `before` is None: a click so far."""
 
     joint: Joint  # as it was when the button went down
-    press: np.ndarray  # where that was, or where the present kind began [pixels]  [2]
-    miss: np.ndarray  # from the joint to the press [pixels]  [2]
     moves_joint: bool  # of the skeleton, instead of posing; a key may change the tool meanwhile
-    start: BonePose | None = None  # of the bones, when the present kind began; None: a click so far
-    kind: str = MOVE  # a bone reaches; or TURN
-    held: Constraint = field(default_factory=Constraint)
-    angle: float = 0.0  # so far [radians]
-    amount: float | None = None  # so far: object sizes or degrees
 
     is_plain = False  # the gizmo, or how far it has turned, is shown
-
-    @property
-    def line(self) -> str:
-        """What it does, in words."""
-        return self.held.words(self.kind, self.amount)
 
 
 class BoneTool(DragTool):
     """The tools "joints" and "bones".
 
     Attributes:
-        drag: What the button does.
         place: Where a joint that is dragged would go, or None.  [3]
     """
 
-    drag = place = None
+    place = None
     on_joints = False  # places joints, instead of posing bones
 
     # -- what is under the mouse ---------------------------------------------------------
@@ -74,11 +60,7 @@ class BoneTool(DragTool):
         ends = self.scene.posing.ends
         heads, _ = project(camera, ends[:, 0])
         tails, _ = project(camera, ends[:, 1])
-        along = tails - heads
-        length = np.maximum((along**2).sum(axis=1), 1e-12)
-        share = np.clip(((pixel - heads) * along).sum(axis=1) / length, 0.0, 1.0)
-        away = np.linalg.norm(heads + share[:, None] * along - pixel, axis=1)
-        away = np.nan_to_num(away, nan=np.inf)
+        away = np.nan_to_num(away_from_lines(pixel, heads, tails), nan=np.inf)
         if not len(away) or away.min() > PICK * ratio:
             return None
         bone = int(away.argmin())
@@ -95,38 +77,31 @@ class BoneTool(DragTool):
         return True
 
     def take(self, kind) -> bool:
-        return self._take(self.view.pointer, kind)
-
-    def take_part(self, kind) -> bool:
-        return self._take(self.view.press_at, kind)
-
-    def _take(self, pixel, kind):
-        """Take what is chosen, which the mouse has at a pixel [2]; whether that can be."""
         joint, on_joints = self._chosen, self.on_joints
         what = "joint" if on_joints else "bone"
         if joint is None or (joint.bone < 0 and not on_joints):
-            self.told.say(f"nothing to {kind}: choose a {what} by a click")
+            self.view.say(f"nothing to {kind}: choose a {what} by a click")
             return False
         if kind == SCALE or (kind == TURN and on_joints):
-            self.told.say(f"{kind}: not with a {what}")
+            self.view.say(f"{kind}: not with a {what}")
             return False
         if not on_joints and not (kind == MOVE and self._is_root(joint)):
             joint = Joint(joint.bone, TAIL, self.scene.posing.ends[joint.bone, 1])
         if not is_ahead(self.view.camera, joint.place):
-            self.told.say(BEHIND)
+            self.view.say(BEHIND)
             return False
-        self._begin(pixel, joint, kind)
+        self._begin(self.view.press_at, joint, kind)
         return True
 
     def _begin(self, pixel, joint, kind):
         miss, self.mode = miss_of(self.view.camera, pixel, joint.place), "bone"
-        self.drag = BoneDrag(joint, pixel, miss, self.on_joints, kind=kind)
+        self.drag = BoneDrag(pixel, miss, kind, joint=joint, moves_joint=self.on_joints)
         if joint.bone >= 0:
             self.drag.held.own = self.scene.posing.axes(joint.bone)
 
     @property
     def waits(self) -> bool:
-        return self.drag is not None and self.drag.start is None and self.place is None
+        return self.drag is not None and self.drag.before is None and self.place is None
 
     def move(self, before, pixel) -> bool:
         if self.drag is not None:
@@ -137,49 +112,33 @@ class BoneTool(DragTool):
         scene, drag = self.scene, self.drag
         if drag.moves_joint:
             now = drag.joint.place if self.place is None else self.place
-            self.place = self._led(pixel, now)
+            self.place = drag.led(self.view.camera, pixel, drag.joint.place, now, scene.size)
             return
         if drag.joint.bone < 0:
             return
-        if drag.start is None:
+        if drag.before is None:
             if drag.joint.end == HEAD and not self._is_root(drag.joint):
-                self.told.say("this head stays where it is: drag a bone, or a tip")
+                self.view.say("this head stays where it is: drag a bone, or a tip")
                 self.drag = None
                 return
             scene.posing.hold_bone(drag.joint.bone)
-            drag.start = scene.posing.current
-            self.told.log("hold_bone", bone=drag.joint.bone, kind=drag.kind)
+            drag.before = scene.posing.current
+            self.view.log("hold_bone", bone=drag.joint.bone, kind=drag.kind)
         if not scene.posing.drives:  # a reset lets go while the button is still down
             return
         skeleton, bone = scene.rigging.skeleton, drag.joint.bone
+        camera, place = self.view.camera, drag.joint.place
         if drag.kind == TURN:
-            scene.posing.aim(turned(skeleton, drag.start, bone, self._turn(pixel)))
+            turn = drag.turn(camera, scene.posing.ends[bone, 0], pixel, self.view.ratio)
+            scene.posing.aim(turned(skeleton, drag.before, bone, turn))
             return
-        aim = self._led(pixel, drag.joint.place)
+        aim = drag.led(camera, pixel, place, place, scene.size)
         if drag.joint.end == HEAD:  # all that hangs on the root goes along
-            translations = drag.start.translations.copy()
+            translations = drag.before.translations.copy()
             translations[bone] = aim
-            scene.posing.aim(replace(drag.start, translations=translations))
+            scene.posing.aim(replace(drag.before, translations=translations))
         else:
-            scene.posing.aim(reach(skeleton, drag.start, bone, aim))
-
-    def _led(self, pixel, now):
-        """Where what is dragged goes.  `now`: where it is.  Both [3]"""
-        drag, size = self.drag, self.scene.size
-        start = drag.joint.place
-        place = drag.held.place(self.view.camera, pixel - drag.miss, start, now, size)
-        if not np.isfinite(place).all():
-            return now
-        drag.amount = drag.held.length(place - start, size)
-        return place
-
-    def _turn(self, pixel):
-        """By which the bone is turned about its head, axis times angle.  [3]"""
-        drag, head = self.drag, self.scene.posing.ends[self.drag.joint.bone, 0]
-        camera, ratio = self.view.camera, self.view.ratio
-        drag.angle = drag.held.angle(camera, head, drag.press, pixel, ratio, drag.angle)
-        drag.amount = math.degrees(drag.angle)
-        return drag.angle * drag.held.turn_axis(camera)
+            scene.posing.aim(reach(skeleton, drag.before, bone, aim))
 
     def release(self, pixel, clicked, modifiers) -> None:
         self.finish()
@@ -189,19 +148,19 @@ class BoneTool(DragTool):
         rigging, drag = self.scene.rigging, self.drag
         if self.place is not None:
             rigging.move_joint(drag.joint.bone, drag.joint.end, self.place)
-            self.told.log("move_joint", bone=drag.joint.bone, end=drag.joint.end, to=self.place)
-        elif drag is not None and drag.start is not None:
+            self.view.log("move_joint", bone=drag.joint.bone, end=drag.joint.end, to=self.place)
+        elif drag is not None and drag.before is not None:
             self.scene.posing.follow()
-            self.told.log("pose", bone=drag.joint.bone)
+            self.view.log("pose", bone=drag.joint.bone)
         elif drag is not None:
-            self.told.log("select_joint", bone=drag.joint.bone, end=drag.joint.end)
+            self.view.log("select_joint", bone=drag.joint.bone, end=drag.joint.end)
 
     def end(self) -> None:
         self.mode, self.drag, self.place = "", None, None
 
     def cancel(self) -> None:
         drag, scene = self.drag, self.scene
-        began = drag is not None and drag.start is not None
+        began = drag is not None and drag.before is not None
         if began and scene.journal.undoes == "pose a bone":
             scene.undo()
 
@@ -240,10 +199,6 @@ class BoneTool(DragTool):
         return joint.bone >= 0 and joint.end == HEAD and parents[joint.bone] < 0
 
     @property
-    def held_drag(self):
-        return self.drag
-
-    @property
     def drag_place(self):
         drag = self.drag
         if self.place is not None or drag.joint.bone < 0:
@@ -255,20 +210,18 @@ class BoneTool(DragTool):
         """Let the drag in progress turn the bone, or reach with its tip."""
         drag, scene, pixel = self.drag, self.scene, self.view.pointer
         if kind == SCALE or drag.joint.bone < 0 or drag.moves_joint:
-            self.told.say(f"{kind}: not with a bone or a joint")
+            self.view.say(f"{kind}: not with a bone or a joint")
             return
         if drag.joint.end != TAIL:
-            self.told.say("a bone's body turns it")
+            self.view.say("a bone's body turns it")
             return
-        if drag.start is not None:
+        now = drag.before
+        if now is not None:
             scene.posing.follow()
-            drag.start = scene.posing.current
+            now = scene.posing.current
         drag.joint = Joint(drag.joint.bone, TAIL, scene.posing.ends[drag.joint.bone, 1])
-        drag.press = np.array(pixel, float)
-        drag.miss = miss_of(self.view.camera, pixel, drag.joint.place)
-        drag.kind = MOVE if drag.kind == kind == TURN else kind
-        drag.angle, drag.amount = 0.0, None
-        drag.held.text, drag.held.tangent = "", None
+        kind = MOVE if drag.kind == kind == TURN else kind
+        drag.begin(kind, now, self.view.camera, pixel, drag.joint.place)
 
     def delete(self) -> bool:
         """Delete the chosen joint; whether there was one."""
@@ -304,7 +257,7 @@ class JointTool(BoneTool):
         moved = abs(scene.positions - scene.field.mesh.rest_vertices).max()
         if moved > AWAY * scene.size:
             scene.reset()
-            self.told.say("joints are placed on the object at rest, where it is now: click again")
+            self.view.say("joints are placed on the object at rest, where it is now: click again")
             return
         surface = self.view.surface_at(pixel, beside=False)
         if surface is None:
@@ -315,11 +268,11 @@ class JointTool(BoneTool):
         start, way = ray(self.view.camera, pixel)
         found = self._matter[1].middle(start, way, float((surface - start) @ way))
         if found is None:
-            self.told.say("there is nothing solid under the mouse")
+            self.view.say("there is nothing solid under the mouse")
             return
         try:
             scene.rigging.add_joint(found[0])
         except ValueError as error:  # there are too many
-            self.told.say(str(error))
+            self.view.say(str(error))
             return
-        self.told.log("joint", place=found[0], bones=scene.rigging.bone_count)
+        self.view.log("joint", place=found[0], bones=scene.rigging.bone_count)

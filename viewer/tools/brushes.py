@@ -1,10 +1,14 @@
 """Tools that act on what the mouse passes: they push it, make it stiffer or softer, or delete."""
 
+import numpy as np
+
 from ..camera import onto_view_plane, project, ray
-from .deleting import BRUSH, Seen, Stroke, said, widen_brush
+from .deleting import BRUSH, Seen, said
 from .keys import SHIFT
 from .tool import Tool
 
+BRUSH_RADII = 4.0, 300.0  # points
+WIDER_PER_NOTCH = 1.15  # of the brush
 PAUSED_BALL = "paused: the ball pushes when time goes on (Space), or by a step (.)"
 
 
@@ -22,11 +26,11 @@ class Push(Tool):
         if scene.timeline.stands:  # at a pose of the timeline: a hand lets time go on
             scene.clock.paused = False
         if scene.clock.paused:
-            self.told.say(PAUSED_BALL)
+            self.view.say(PAUSED_BALL)
         scene.push(point, -ray(self.view.camera, pixel)[1])
         (center,), _ = project(self.view.camera, scene.ball.target[None])
         self._miss, self.mode = pixel - center, "push"
-        self.told.log("push", position=scene.ball.target)
+        self.view.log("push", position=scene.ball.target)
         return True
 
     def move(self, before, pixel) -> bool:
@@ -38,7 +42,7 @@ class Push(Tool):
 
     def release(self, pixel, clicked, modifiers) -> None:
         self.scene.end_push()
-        self.told.log("end_push")
+        self.view.log("end_push")
 
     def cancel(self) -> None:
         self.scene.end_push()
@@ -61,7 +65,7 @@ class Paint(Tool):
         return True
 
     def release(self, pixel, clicked, modifiers) -> None:
-        self.told.log("paint", factors=self.scene.body.factors is not None)
+        self.view.log("paint", factors=self.scene.body.factors is not None)
 
 
 class Stiffen(Paint):
@@ -89,7 +93,9 @@ class DeleteBrush(Tool):
         "Drag over what is to go, a layer a stroke.  Shift: all through.  Wheel: size.  Esc: back"
     )
 
-    _stroke: Stroke | None = None
+    _seen: Seen | None = None  # what there was as the stroke began
+    _through = False  # whether it takes all that is behind, too
+    _taken = _masks = None  # so far: whether of each sub-tet that was seen, and as masks
 
     @property
     def radius(self) -> float:
@@ -97,29 +103,36 @@ class DeleteBrush(Tool):
         return self.scene.settings.brush_radius * self.view.ratio
 
     def press(self, pixel, modifiers) -> bool:
-        through, view = bool(modifiers & SHIFT), self.view
-        seen = Seen(self.scene.cuts.field, self.scene.positions, view.camera, view.depth_image())
-        stroke = Stroke(self.scene.cuts, seen, through)
-        if not stroke.touches(pixel, self.radius):
+        scene, view = self.scene, self.view
+        seen = Seen(scene.cuts.field, scene.positions, view.camera, view.depth_image())
+        if not len(seen.near(pixel, pixel, self.radius)):
             return False
-        self._stroke, self.mode = stroke, "delete"
+        self._seen, self._through, self.mode = seen, bool(modifiers & SHIFT), "delete"
+        self._taken, self._masks = np.zeros(len(seen.tets), bool), np.uint64(0)
         return self.move(pixel, pixel)
 
     def move(self, before, pixel) -> bool:
-        self._stroke.move(before, pixel, self.radius)
+        under = self._seen.near(before, pixel, self.radius)
+        under = under[~self._taken[under] & (self._through | self._seen.in_front[under])]
+        if len(under):
+            self._taken[under] = True
+            self._masks = self._masks | self._seen.masks(under)
+            self.scene.cuts.show_preview(self._masks)
         return True
 
     def release(self, pixel, clicked, modifiers) -> None:
         cuts = self.scene.cuts
-        self.told.say(said(cuts, cuts.keep_preview))
-        self.told.log("delete", left=int(cuts.kept.sum()))
+        self.view.say(said(cuts, cuts.keep_preview))
+        self.view.log("delete", left=int(cuts.kept.sum()))
 
     def wheel(self, notches) -> bool:
-        widen_brush(self.scene.settings, notches)
+        settings = self.scene.settings
+        radius = settings.brush_radius * WIDER_PER_NOTCH**notches
+        settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
         return True
 
     def cancel(self) -> None:
         self.scene.cuts.show_preview(None)
 
     def end(self) -> None:
-        self.mode, self._stroke = "", None
+        self.mode, self._seen = "", None

@@ -115,7 +115,8 @@ class Constraint:
         place = find(ray(camera, aim), start, self.along)
         if place is None:
             return now
-        return start + (place - start) * nearer(place - start, FARTHEST_DRAG * size)
+        way = place - start
+        return start + way * min(1.0, FARTHEST_DRAG * size / max(np.linalg.norm(way), 1e-12))
 
     def length(self, way, size: float) -> float:
         """How far a way [3] goes: along the axis, or at all [object sizes]."""
@@ -163,11 +164,6 @@ def number_of(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-def nearer(way, most: float) -> float:
-    """The factor of a way [3] that makes it no longer than that."""
-    return min(1.0, most / max(float(np.linalg.norm(way)), 1e-12))
 
 
 def on_axis(ray, start, along):

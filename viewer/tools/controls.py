@@ -6,23 +6,24 @@ image's: x to the right, y down.
 
 from collections.abc import Callable
 
-from ..camera import zoomed
+import numpy as np
+
+from ..camera import pick_sphere, visible, zoomed
 from .bend import ORBITS, Bend
 from .bone_tool import JointTool, PoseTool
 from .brushes import DeleteBrush, Push, Soften, Stiffen
-from .camera_moves import CameraMove
 from .drag_keys import DragKeys
 from .gizmo import Part
 from .keys import LEFT, MIDDLE, RIGHT, SHIFT
 from .regions import DeleteBox, DeleteLasso, SelectBox, SelectLasso
-from .tool import Told, Tool
-from .under_mouse import nearest_zoom
+from .tool import CameraMove, Tool
 from .viewport import Viewport
 
 KINDS_OF_TOOL = (  # in the order of their buttons
     *(Bend, SelectBox, SelectLasso, Push, Stiffen, Soften),
     *(DeleteBrush, DeleteBox, DeleteLasso, JointTool, PoseTool),
 )
+PICK_SLACK = 5.0  # points around a sphere that still count as on it
 ZOOM_PER_NOTCH = 0.88
 
 
@@ -43,10 +44,9 @@ class Controls(DragKeys, Viewport):
         `say` shows a message to the user.
         """
         super().__init__(scene.viewpoint, depth_image)
-        self.scene, self.told = scene, Told(log, say)
-        made = (kind(self, self.told, scene) for kind in KINDS_OF_TOOL)
-        self.tools: dict[str, Tool] = {tool.name: tool for tool in made}
-        self._camera_move = CameraMove(self, self.told, scene)
+        self.scene, self.log, self.say = scene, log, say
+        self.tools: dict[str, Tool] = {kind.name: kind(self) for kind in KINDS_OF_TOOL}
+        self._camera_move = CameraMove(self)
         self.holder: Tool | None = None
         self.part: Part | None = None
         self.free = self.finishes = self._on_part = False
@@ -95,11 +95,21 @@ class Controls(DragKeys, Viewport):
 
     def shown(self, ids):
         """Whether each of these handles has a sphere in sight.  [len(ids)] bool"""
-        return self.tool.shown(ids)
+        scene = self.scene
+        if not scene.settings.show_handles:
+            return np.zeros(len(ids), bool)
+        return visible(self.camera, scene.handles.at(ids), self.depth_image(), scene.handle_bias)
 
     def pick(self, pixel, ids=None) -> int | None:
         """The handle whose sphere shows there, of these (default: those that can be dragged)."""
-        return self.tool.pick(pixel, ids)
+        scene = self.scene
+        if not scene.settings.show_handles:
+            return None
+        ids = scene.handles.control_ids if ids is None else ids
+        surface, slack = (self.depth_image(), scene.handle_bias), PICK_SLACK * self.ratio
+        places, radius = scene.handles.at(ids), scene.handle_radius
+        found = pick_sphere(self.camera, pixel, places, radius, slack, *surface)
+        return None if found is None else int(ids[found])
 
     # -- the window's events -------------------------------------------------------------
 
@@ -197,10 +207,10 @@ class Controls(DragKeys, Viewport):
         if (self.holder or self.tool).wheel(scroll_y):
             return
         anchor = self.surface_at(self.pixel(x, y))
-        nearest = nearest_zoom(self.camera, self.depth_image(), anchor, self.scene.size)
-        factor = max(ZOOM_PER_NOTCH**scroll_y, nearest)
+        nearest = 1.0 - self.gap(self.scene.size) / np.linalg.norm(anchor - self.camera.position)
+        factor = max(ZOOM_PER_NOTCH**scroll_y, nearest)  # inside the object, all is white
         self.viewpoint.orbit = zoomed(self.viewpoint.orbit, factor, anchor)
-        self.told.log("zoom", distance=self.viewpoint.orbit.distance)
+        self.log("zoom", distance=self.viewpoint.orbit.distance)
 
     def cancel(self) -> None:
         """Give up the gesture: what was dragged goes back to where it was taken from."""

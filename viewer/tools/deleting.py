@@ -10,13 +10,11 @@ Shapes: N sub-tets that are left.
 import numpy as np
 
 from ...core.field import subtet_corners, unpack_mask
-from ..camera import depth_at, project, within
+from ..camera import away_from_lines, depth_at, project, within
 from ..document import masks_of
 from ..settings import DELETING
 
 BRUSH = DELETING[0]
-BRUSH_RADII = 4.0, 300.0  # points
-WIDER_PER_NOTCH = 1.15
 LAYER = 0.5  # edges of a tet, that a stroke takes below the surface
 
 
@@ -43,12 +41,9 @@ class Seen:
         """Which are within a radius [pixels] of the way from one pixel to another.  ids"""
         start, end = np.asarray(start, float), np.asarray(end, float)
         low, high = np.minimum(start, end) - radius, np.maximum(start, end) + radius
-        (x, y), way = self.pixels.T, end - start
+        x, y = self.pixels.T
         ids = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
-        offsets = self.pixels[ids] - start
-        along = np.clip(offsets @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-        missed = offsets - along[:, None] * way
-        return ids[(missed**2).sum(axis=1) <= radius**2]
+        return ids[away_from_lines(self.pixels[ids], start, end) <= radius]
 
     def inside(self, outline):
         """Which are inside a closed outline of pixels [K, 2], in the view.  [N] bool"""
@@ -57,43 +52,6 @@ class Seen:
     def masks(self, chosen):
         """These, ids or [N] bool, as masks.  [T] uint64"""
         return masks_of(self.tets[chosen], self.subtets[chosen], self._count)
-
-
-class Stroke:
-    """A stroke of the brush, which shows at once what it takes."""
-
-    def __init__(self, cuts, seen: Seen, through: bool):
-        """`through` takes all that is behind, too."""
-        self._cuts, self._seen, self._through = cuts, seen, through
-        self._taken = np.zeros(len(seen.tets), bool)
-        self._masks = np.uint64(0)  # of these
-
-    def touches(self, pixel, radius: float) -> bool:
-        """Whether anything is under the brush."""
-        return len(self._seen.near(pixel, pixel, radius)) > 0
-
-    def move(self, start, end, radius: float) -> None:
-        """Take what is under the brush on its way."""
-        under = self._seen.near(start, end, radius)
-        under = under[~self._taken[under] & (self._through | self._seen.in_front[under])]
-        if len(under):
-            self._taken[under] = True
-            self._masks = self._masks | self._seen.masks(under)
-            self._cuts.show_preview(self._masks)
-
-
-def widen_brush(settings, notches: float) -> None:
-    """Make the brush larger, or smaller if there are fewer than 0 notches of the wheel."""
-    radius = settings.brush_radius * WIDER_PER_NOTCH**notches
-    settings.brush_radius = float(np.clip(radius, *BRUSH_RADII))
-
-
-def outline_of(mode: str, region):
-    """The pixels around a region that was drawn: a box's two corners, or a lasso.  [K, 2]"""
-    if mode != "box":
-        return region
-    (x0, y0), (x1, y1) = region
-    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
 def said(cuts, delete) -> str:

@@ -6,12 +6,12 @@ Pixels are the image's, x to the right, y down.
 import numpy as np
 
 from .constraints import LONGEST_NUMBER, SCALE, TURN, number_of
+from .drags import NOTHING
 from .gizmo import RING_STEP, Gizmo, Part, part_at, parts_of
 from .keys import ALT, CTRL, OTHER_NAMES
 from .tool import DragTool
 
 FREE = "{}: the mouse, or a number; X Y Z: along an axis; click or Enter: done; Esc: back"
-NOTHING = "nothing to {}: select red points, or point at one"
 FLAT = 0.5  # the cosine of the least angle of a ring to the view at which the mouse goes around it
 LEAST_WAY = 40.0  # points for a radian
 OF_NUMBERS = {"MINUS", "PERIOD", "COMMA", "NUM_SUBTRACT", "NUM_DECIMAL"}  # keys, but for digits
@@ -68,22 +68,22 @@ class DragKeys:
         """Move, turn or scale what is chosen, or under the mouse, until a click or Enter."""
         tool = self.tool
         if self.mode:
-            self.told.say(f"{kind}: while you drag a red point")
+            self.say(f"{kind}: while you drag a red point")
         elif not isinstance(tool, DragTool):
-            self.told.say(NOTHING.format(kind))
+            self.say(NOTHING.format(kind))
         else:
             self.press_at = self.pointer
             if tool.take(kind):
                 self.holder, self.free = tool, True
-                self.told.say(FREE.format(kind))
+                self.say(FREE.format(kind))
 
     def apply(self, text: str, axis: int) -> None:
         """Do at once what the gizmo does, by a number along an axis or about it."""
         gizmo, number = self.tool.gizmo, number_of(text)
         if number is None:
-            self.told.say(f"{text[:LONGEST_NUMBER]!r} is no number")
+            self.say(f"{text[:LONGEST_NUMBER]!r} is no number")
         elif gizmo is not None and gizmo.kind == SCALE and number <= 0.0:
-            self.told.say("a factor is more than 0")
+            self.say("a factor is more than 0")
         elif gizmo is not None and not self.mode:
             self._begin_free(gizmo.kind)
         if self.free and self.held_drag is not None:
@@ -114,7 +114,7 @@ class DragKeys:
         """Begin the drag of the part of the gizmo on which the button went down."""
         tool, part, self._on_part = self.tool, self.part, False
         gizmo = tool.gizmo
-        if gizmo is None or not tool.take_part(gizmo.kind):  # a key took the selection away
+        if gizmo is None or not tool.take(gizmo.kind):  # a key took the selection away
             return
         self.holder = tool
         held = self.held_drag.held

@@ -5,21 +5,23 @@ Pixels are the image's, x to the right, y down.
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from ..camera import project
-from ..document import Motion, rotation_matrix, rotation_vector, stretched
+from ..document import rotation_matrix, rotation_vector, stretched
 from .constraints import MOVE, NEAR, TURN, Constraint
 
 SCALE_PER_POINT = 1.0 / 150.0  # of the logarithm, if the press was near the center
 SCALES = 0.1, 10.0
 BEHIND = "it is behind the eye: turn around first (Home)"
+NOTHING = "nothing to {}: select red points, or point at one"
 
 
 @dataclass
 class Drag:
-    """A drag of handles by the mouse."""
+    """A drag by the mouse: of handles, or of what a kind of its own says."""
 
     press: np.ndarray  # the pixel where the present kind began  [2]
     miss: np.ndarray  # from what follows the mouse to the first press [pixels]  [2]
@@ -27,7 +29,7 @@ class Drag:
     held: Constraint = field(default_factory=Constraint)
     # What follows the mouse, as an offset from the place of what is held.  [3]
     anchor: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    before: Motion | None = None  # when turning or scaling began
+    before: Any = None  # the Motion, or a bone's pose, when the present kind began
     angle: float = 0.0  # so far [radians]
     amount: float | None = None  # so far: object sizes, degrees or a factor
 
@@ -41,11 +43,34 @@ class Drag:
         """Whether it moves freely: there are no axis and no amount to show."""
         return self.kind == MOVE and self.held.axis is None and not self.held.text
 
-    def begin(self, kind: str, motion, pixel) -> None:
-        """Go on in another way from where the mouse and what is held are now."""
+    def begin(self, kind: str, now, camera, pixel, place) -> None:
+        """Go on in another way from where the mouse and what is held are now.
+
+        Args:
+            now: What `before` says from now on.
+            place: What follows the mouse.  [3]
+        """
         self.kind, self.press, self.angle = kind, np.array(pixel, float), 0.0
-        self.before, self.amount = motion, None
+        self.before, self.amount, self.miss = now, None, miss_of(camera, pixel, place)
         self.held.text, self.held.tangent = "", None
+
+    def led(self, camera, pixel, start, now, size: float) -> np.ndarray:
+        """Where what began at `start` and is at `now` goes, to be under the mouse.  All [3]
+
+        Args:
+            size: The object's [model units].
+        """
+        place = self.held.place(camera, pixel - self.miss, start, now, size)
+        if not np.isfinite(place).all():
+            return now
+        self.amount = self.held.length(place - start, size)
+        return place
+
+    def turn(self, camera, center, pixel, ratio: float) -> np.ndarray:
+        """By which the mouse turns what is held about a center [3], axis times angle.  [3]"""
+        self.angle = self.held.angle(camera, center, self.press, pixel, ratio, self.angle)
+        self.amount = math.degrees(self.angle)
+        return self.angle * self.held.turn_axis(camera)
 
 
 def miss_of(camera, pixel, place) -> np.ndarray:
@@ -65,15 +90,11 @@ def follow(drag: Drag, handles, camera, pixel, ratio: float) -> None:
     motion = handles.grabbed.target
     if drag.kind == MOVE:
         start, now = handles.grabbed.start + drag.anchor, motion.place + drag.anchor
-        place = drag.held.place(camera, pixel - drag.miss, start, now, handles.size)
-        handles.drag_to(place - drag.anchor)
-        drag.amount = drag.held.length(place - start, handles.size)
+        handles.drag_to(drag.led(camera, pixel, start, now, handles.size) - drag.anchor)
         return
     before, center = drag.before, motion.place + motion.center
     if drag.kind == TURN:
-        drag.angle = drag.held.angle(camera, center, drag.press, pixel, ratio, drag.angle)
-        drag.amount = math.degrees(drag.angle)
-        rotation = rotation_matrix(drag.angle * drag.held.turn_axis(camera))
+        rotation = rotation_matrix(drag.turn(camera, center, pixel, ratio))
         turned = rotation_vector(rotation @ rotation_matrix(before.rotation))
         handles.turn_to(turned, before.scale, before.stretch)
         return

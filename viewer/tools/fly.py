@@ -11,7 +11,6 @@ import numpy as np
 
 from ..camera import CLOSEST, FARTHEST, depth_at, pose_of, turned
 from .keys import CTRL
-from .under_mouse import NEAREST
 
 WAYS = {  # keys, and where they move: right, up, backward
     ("W", "UP"): (0.0, 0.0, -1.0),
@@ -32,10 +31,9 @@ HINT = "flying: W A S D or arrows, Q down, E up; wheel: speed; Esc or click: end
 class Fly:
     """The flight of one window's camera."""
 
-    def __init__(self, window, controls, depth_image):
-        """Take a pyglet window, the Controls of its scene, and what returns the depth or None."""
-        self._window, self._controls, self._depth_image = window, controls, depth_image
-        self._scene = controls.scene
+    def __init__(self, window, controls):
+        """Take a pyglet window, and the Controls of its scene."""
+        self._window, self._controls, self._scene = window, controls, controls.scene
         self.on = False
         self.speed = SPEED
         self._held = set()  # keys, pyglet's names
@@ -69,7 +67,7 @@ class Fly:
         self.on = False
         self._window.remove_handlers(self)
         self._window.set_exclusive_mouse(False)
-        depth, camera = self._depth_image(), self._controls.camera
+        depth, camera = self._controls.depth_image(), self._controls.camera
         if depth is not None and not camera.parallel:  # whose rays start behind the eye
             middle = np.array([camera.lens.center])
             t = float(depth_at(depth, camera, middle)[0])
@@ -83,10 +81,7 @@ class Fly:
             return
         scene, camera = self._scene, self._controls.camera
         step = sum(ways) * self.speed * scene.size * min(seconds, LONGEST_STEP)
-        depth = self._depth_image()
-        if depth is not None:  # inside the object, all is white
-            gap = max(float(depth.min()) - NEAREST * scene.size, 0.0)
-            step[2] = max(step[2], -gap)
+        step[2] = max(step[2], -self._controls.gap(scene.size))  # inside the object, all is white
         eye = camera.position + camera.camera_to_world[:3, :3] @ step
         away = np.linalg.norm(eye - scene.center)
         eye = scene.center + (eye - scene.center) * min(1.0, FARTHEST_AWAY / max(away, 1e-9))

@@ -6,11 +6,10 @@ also while no frame was drawn since the mouse moved.  Pixels are the image's.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from ..camera import pixels_per_unit, project, within
+from ..camera import away_from_lines, pixels_per_unit, project, within
 from .constraints import SCALE, TURN
 
 LENGTH = 80.0  # points, of an arrow across the view
@@ -56,11 +55,7 @@ class Part:
         """How far a pixel is from it; 0 inside a square [pixels]."""
         if self.across and within(np.array([pixel]), self.line)[0]:
             return 0.0
-        starts, ways = self.line[:-1], np.diff(self.line, axis=0)
-        offsets = pixel - starts
-        lengths = np.maximum((ways**2).sum(axis=1), 1e-12)
-        share = np.clip((offsets * ways).sum(axis=1) / lengths, 0.0, 1.0)
-        return float(np.linalg.norm(offsets - share[:, None] * ways, axis=1).min())
+        return float(away_from_lines(pixel, self.line[:-1], self.line[1:]).min())
 
 
 def parts_of(gizmo: Gizmo, camera, ratio: float) -> list[Part]:
@@ -72,9 +67,9 @@ def parts_of(gizmo: Gizmo, camera, ratio: float) -> list[Part]:
     length = LENGTH * ratio / float(pixels_per_unit(camera, depth))
     view = camera.position - gizmo.pivot
     toward = -camera.forward if camera.parallel else view / np.linalg.norm(view)
-    make = partial(_rings if gizmo.kind == TURN else _arrows, gizmo, length, toward)
+    make = _rings if gizmo.kind == TURN else _arrows
     found = []
-    for axis, across, points in make():
+    for axis, across, points in make(gizmo, length, toward):
         pixels, _ = project(camera, gizmo.pivot + points)
         if len(pixels) > 1 and np.isfinite(pixels).all():
             found.append(Part(axis, across, pixels))

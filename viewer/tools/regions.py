@@ -1,7 +1,7 @@
 """Tools that draw a box or a lasso: what is in it is selected, or deleted."""
 
 from ..camera import project, within
-from .deleting import Seen, outline_of, said
+from .deleting import Seen, said
 from .keys import CTRL, SHIFT
 from .tool import Tool
 
@@ -30,8 +30,11 @@ class Region(Tool):
 
     @property
     def outline(self):
-        """The pixels around it.  [K, 2]"""
-        return outline_of(self.shape, self.region)
+        """The pixels around it: a box's corners, or the lasso.  [K, 2]"""
+        if self.shape == "lasso":
+            return self.region
+        (x0, y0), (x1, y1) = self.region
+        return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
 class SelectRegion(Region):
@@ -40,12 +43,12 @@ class SelectRegion(Region):
     hint = "Draw around red points.  Shift adds, Ctrl removes, both intersect.  Esc: back to Bend"
 
     def release(self, pixel, clicked, modifiers) -> None:
-        handles, ids = self.scene.handles, self.scene.handles.control_ids
+        handles, ids = self.handles, self.handles.control_ids
         pixels, _ = project(self.view.camera, handles.at(ids))
-        inside = self.shown(ids) & within(pixels, self.outline)
+        inside = self.view.shown(ids) & within(pixels, self.outline)
         handles.select(ids[inside], HOW[modifiers & (SHIFT | CTRL)])
         self.scene.settings.tool = "grab"
-        self.told.log("select", vertices=handles.selected)
+        self.view.log("select", vertices=handles.selected)
 
 
 class SelectBox(SelectRegion):
@@ -71,8 +74,8 @@ class DeleteRegion(Region):
         cuts, others = self.scene.cuts, bool(modifiers & CTRL)
         seen = Seen(cuts.field, self.scene.positions, self.view.camera, None)
         chosen = seen.inside(self.outline)
-        self.told.say(said(cuts, lambda: cuts.delete(seen.masks(chosen != others))))
-        self.told.log("delete", left=int(cuts.kept.sum()))
+        self.view.say(said(cuts, lambda: cuts.delete(seen.masks(chosen != others))))
+        self.view.log("delete", left=int(cuts.kept.sum()))
 
 
 class DeleteBox(DeleteRegion):

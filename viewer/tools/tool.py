@@ -5,22 +5,8 @@ drag is the camera's.  Pixels are the image's.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
 
-import numpy as np
-
-from ..camera import pick_sphere, visible
-
-PICK_SLACK = 5.0  # points around a sphere that still count as on it
-
-
-@dataclass
-class Told:
-    """Where tools tell what they do."""
-
-    log: Callable  # the event log
-    say: Callable  # shows a message to the user
+from ..camera import camera_of, panned, turned
 
 
 class Tool:
@@ -39,29 +25,10 @@ class Tool:
     cross, waits, can_cancel = True, False, True
     gizmo = held_drag = None
 
-    def __init__(self, view, told: Told, scene):
-        """Take the Viewport, and the object that the tool acts on."""
-        self.view, self.told, self.scene = view, told, scene
-
-    # -- what is under the mouse ---------------------------------------------------------
-
-    def pick(self, pixel, ids=None) -> int | None:
-        """The handle whose sphere shows there, of these (default: those that can be dragged)."""
-        scene, view = self.scene, self.view
-        if not scene.settings.show_handles:
-            return None
-        ids = scene.handles.control_ids if ids is None else ids
-        surface = view.depth_image(), scene.handle_bias
-        places, slack = scene.handles.at(ids), PICK_SLACK * view.ratio
-        found = pick_sphere(view.camera, pixel, places, scene.handle_radius, slack, *surface)
-        return None if found is None else int(ids[found])
-
-    def shown(self, ids):
-        """Whether each of these vertices has a sphere in sight.  [len(ids)] bool"""
-        scene, view = self.scene, self.view
-        if not scene.settings.show_handles:
-            return np.zeros(len(ids), bool)
-        return visible(view.camera, scene.handles.at(ids), view.depth_image(), scene.handle_bias)
+    def __init__(self, controls):
+        """Take the Controls: the picture, where to tell things, and what the tool acts on."""
+        self.view, self.scene = controls, controls.scene
+        self.handles = self.scene.handles
 
     # -- the mouse -----------------------------------------------------------------------
 
@@ -97,8 +64,32 @@ class Tool:
         self.mode = ""
 
 
+class CameraMove(Tool):
+    """A drag that turns or moves the camera.  `mode` is "orbit" or "pan"."""
+
+    can_cancel = False
+
+    def move(self, before, pixel) -> bool:
+        view, pans = self.view, self.mode == "pan"
+        orbit, height = view.viewpoint.orbit, view.size[1]
+        if pans:
+            height *= view.camera.focal / camera_of(orbit, *view.size).focal
+        view.viewpoint.orbit = (panned if pans else turned)(orbit, *(pixel - before), height)
+        return True
+
+    def release(self, pixel, clicked, modifiers) -> None:
+        orbit = self.view.viewpoint.orbit
+        self.view.log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
+
+
 class DragTool(Tool, ABC):
-    """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo."""
+    """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo.
+
+    Attributes:
+        drag: What the button does, a Drag or a kind of its own.
+    """
+
+    drag = None
 
     @property
     @abstractmethod
@@ -115,9 +106,9 @@ class DragTool(Tool, ABC):
         """Whether something is there that comes before the gizmo: a red point, or a joint."""
 
     @property
-    @abstractmethod
     def held_drag(self):
         """The Drag or BoneDrag in progress, or None."""
+        return self.drag
 
     @property
     @abstractmethod
@@ -126,11 +117,10 @@ class DragTool(Tool, ABC):
 
     @abstractmethod
     def take(self, kind: str) -> bool:
-        """Take what is chosen, else what is under the mouse, without a button; whether it can."""
+        """Take what is chosen, else what is under the mouse, where it was pressed; whether it can.
 
-    @abstractmethod
-    def take_part(self, kind: str) -> bool:
-        """Take what is chosen where the button went down on the gizmo; whether it can."""
+        A button is down on the gizmo, or none is.
+        """
 
     @abstractmethod
     def turn_into(self, kind: str) -> None:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..camera import Covered, camera_of, in_free_part
-from .under_mouse import surface_at
+from ..camera import Covered, camera_of, depth_at, in_free_part, onto_view_plane, point_at
 
 CLICK_SLACK = 3.0  # points that the mouse may move during a click
+NEAREST = 0.05  # object sizes between eye and surface, where the camera stops
 
 
 class Viewport:
@@ -42,5 +42,15 @@ class Viewport:
 
     def surface_at(self, pixel, beside=True):
         """The object's point under a pixel; beside it, one as far away as its target, or None."""
-        target = self.viewpoint.orbit.target if beside else None
-        return surface_at(self.camera, self.depth_image(), pixel, target)
+        camera, depth = self.camera, self.depth_image()
+        t = np.inf if depth is None else depth_at(depth, camera, pixel[None])[0]
+        if np.isfinite(t):
+            return point_at(camera, pixel, t)
+        return onto_view_plane(camera, pixel, self.viewpoint.orbit.target) if beside else None
+
+    def gap(self, size: float) -> float:
+        """How far the eye can go without being in an object of that size; inf: any way."""
+        depth = self.depth_image()
+        if depth is None or self.camera.parallel:
+            return np.inf
+        return max(float(depth.min()) - NEAREST * size, 0.0)

@@ -38,9 +38,7 @@ class TrainOffer:
     output: Path
     device: str
 
-    @property
-    def title(self) -> str:
-        return "Train a model of these photographs?"
+    title = "Train a model of these photographs?"
 
     @property
     def arguments(self) -> list[str]:

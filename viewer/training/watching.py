@@ -43,18 +43,26 @@ class Snapshot:
 
 
 class Watcher:
-    """Shows a TrainJob in an App.
+    """Shows training in an App: of the last TrainJob that began.
 
     Attributes:
         preparing: How far the preparation of the first snapshot is.
-        over: Whether the run is, and its model is shown.
+        over: Whether there is no run any more, and its model is shown.
     """
 
-    def __init__(self, app, job: TrainJob):
-        self.app, self.job, self.preparing = app, job, Progress(job.device)
-        self._path = choose_path(app.ctx, job.device, "auto")
-        self._pool = ThreadPoolExecutor(1, "snapshots")
-        self._coming: Future | None = None
+    over = True
+    _coming: Future | None = None
+
+    def __init__(self, app):
+        self.app, self._pool = app, ThreadPoolExecutor(1, "snapshots")
+
+    def begin(self, job: TrainJob) -> None:
+        """Show a job from now on."""
+        if self._coming is not None:  # of the run before, whose model nobody waits for
+            wait([self._coming])
+        self.app.train_job, self.job, self.preparing = job, job, Progress(job.device)
+        self._path = choose_path(self.app.ctx, job.device, "auto")
+        self._coming = None
         self._field, self._scene_step = None, 0  # of the last snapshot; of its stage, at a scene
         self._scene = self._home = None  # that was shown; the camera's first orbit around it
         self._shown_at = self._due = 0.0  # when a snapshot was, and when the next may be
@@ -63,6 +71,8 @@ class Watcher:
 
     def follow(self) -> None:
         """Called in every frame: show a snapshot if there is one, and the model at the end."""
+        if self.over:
+            return
         if self._scene is not None and self.app.scene is not self._scene:  # another was opened
             self._leave()
         if self._watching:
@@ -83,7 +93,7 @@ class Watcher:
 
     def _begin(self, path, step):
         scene = self.app.scene
-        kept = scene is not None and touched(scene)
+        kept = scene is not None and scene.journal.steps  # the user has done something to it
         self._coming = self._pool.submit(self._made, path, step, kept)
         if self.job.device != "cpu":  # or launches would get into graphs that frames record
             wait([self._coming])
@@ -93,7 +103,10 @@ class Watcher:
         field, before = fields.load(path), self._field
         if path != self.job.output:
             path.unlink()  # the run may write the next one
-        same_mesh = before is not None and has_mesh_of(before, field)
+        same_mesh = before is not None and all(
+            np.array_equal(getattr(before.mesh, name), getattr(field.mesh, name))
+            for name in ("rest_vertices", "tets")
+        )
         if same_mesh:
             field = replace(field, mesh=before.mesh)
         if same_mesh and (kept or step < SCENE_FACTOR * self._scene_step):
@@ -121,10 +134,10 @@ class Watcher:
         self._coming, self._field = None, snapshot.field
         self._shown_at = time.perf_counter()
         self._due = self._shown_at + LONGEST_REST
-        if snapshot.scene is None or (snapshot.same_mesh and touched(scene)):
+        if snapshot.scene is None or (snapshot.same_mesh and scene.journal.steps):
             scene.field = snapshot.field
             app.radiance.set_renderer(snapshot.renderer)
-        elif self._scene is None and scene is not None and touched(scene):
+        elif self._scene is None and scene is not None and scene.journal.steps:
             self._watching = False
         else:
             self._show(snapshot)
@@ -177,46 +190,24 @@ class Watcher:
             app.train_job = None
             app.recorder.say(readable(job.line))
 
+    def begin_offered(self) -> None:
+        """Do what the dialog offers."""
+        app = self.app
+        offer, app.questions.dialog = app.questions.dialog, None
+        if app.train_job is None or app.train_job.ended:
+            self.begin(TrainJob(offer.arguments, offer.output, str(app.scene.solver.device)))
+            app.log("training", path=offer.data)
+        else:
+            app.recorder.say("one model is being trained: wait for it, or stop it")
 
-def touched(scene) -> bool:
-    """Whether the user has done something to a scene, or is doing it."""
-    return bool(scene.journal.steps)
-
-
-def has_mesh_of(a: TetField, b: TetField) -> bool:
-    """Whether two fields have the same mesh."""
-    names = "rest_vertices", "tets"
-    return all(np.array_equal(getattr(a.mesh, n), getattr(b.mesh, n)) for n in names)
-
-
-def begin(app, job: TrainJob) -> None:
-    """Show a job in the App from now on."""
-    app.train_job, app.watcher = job, Watcher(app, job)
-
-
-def begin_job(app) -> None:
-    """Do what the App's dialog offers."""
-    offer, app.questions.dialog = app.questions.dialog, None
-    if app.train_job is None or app.train_job.ended:
-        begin(app, TrainJob(offer.arguments, offer.output, str(app.scene.solver.device)))
-        app.log("training", path=offer.data)
-    else:
-        app.recorder.say("one model is being trained: wait for it, or stop it")
-
-
-def follow_job(app) -> None:
-    """Called in every frame: show what the job has made, or say why there is none."""
-    if app.watcher is not None and not app.watcher.over:
-        app.watcher.follow()
-
-
-def watch(app, job: TrainJob) -> None:
-    """Show a job, and then its model; returns when the window is closed."""
-    begin(app, job)
-    while app.scene is None and not (app.window.has_exit or app.watcher.over):
-        pyglet.clock.tick()
-        app.show_alone(app.panels.training_window)
-        follow_job(app)
-        time.sleep(POLL_SECONDS)
-    if app.scene is not None and not app.window.has_exit:
-        app.run()
+    def watch(self, job: TrainJob) -> None:
+        """Show a job, and then its model; returns when the window is closed."""
+        app = self.app
+        self.begin(job)
+        while app.scene is None and not (app.window.has_exit or self.over):
+            pyglet.clock.tick()
+            app.show_alone(app.panels.training_window)
+            self.follow()
+            time.sleep(POLL_SECONDS)
+        if app.scene is not None and not app.window.has_exit:
+            app.run()

@@ -144,7 +144,7 @@ class Takes(Sessions):
         scene = Scene(field, "small", "cpu")
         begin, rng = 0, np.random.default_rng(len(session.events))
         if any(event.name == "key" for event in session.events):
-            session, begin = with_timeline(scene, session)
+            session, begin = with_timeline(Player(scene, session))
         film = Film(scene, session, int(rng.choice([15, 30, 60])))
         first = int(rng.integers(-1, max(session.ticks - begin, 1)))
         film.cut(begin + max(first, 0), None if first < 0 else begin + first + 10)

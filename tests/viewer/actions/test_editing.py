@@ -94,7 +94,7 @@ def test_the_camera_looks_along_an_axis(app_like, controls, action, towards):
 @pytest.mark.parametrize("mode, told", [("physics", [PAUSED]), ("pose", [])])
 def test_a_drag_while_paused_says_why_nothing_moves(controls, scene, mode, told):
     said = []
-    controls.told.say = said.append
+    controls.say = said.append
     scene.settings.hand, scene.clock.paused = mode, True
     controls.grab(int(scene.handles.control_ids[0]))
     assert said == told

@@ -42,7 +42,7 @@ def test_what_is_chosen_is_a_command(tmp_path, monkeypatch, size, what, handles)
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", size, what=what, handles=handles, turn_seconds=3.5)
     session = tmp_path / "s.jsonl"
-    arguments = [*choices.arguments((640, 480)), *choices.shown(session, (3, 9))]
+    arguments = choices.arguments((640, 480), session, (3, 9))
     parsed = options.parsed("deformrf render", RenderArguments, [*arguments, "-o", "a.mp4"])
     assert check(parsed) == choices.pixels((640, 480))
     assert parsed.timeline == (what == "timeline")

@@ -47,7 +47,7 @@ def poses_of(film, count):
 
 def test_a_film_of_a_clip_goes_round_without_a_jump(dancer):
     scene = Scene(dancer, "dancer", "cpu")
-    session, begin, seconds = clip_session(scene, "Dance", 0.0, 1.0)
+    session, begin, seconds = clip_session(scene.rigging, "Dance", 0.0, 1.0)
     assert (begin, seconds) == (0, 1.0)
     poses = poses_of(Film(scene, session, 30), 30)
     np.testing.assert_allclose(poses[15:], poses[:15], atol=1e-5)
@@ -57,7 +57,7 @@ def test_a_film_of_a_clip_goes_round_without_a_jump(dancer):
 
 def test_a_soft_clip_is_on_its_way_when_the_film_begins(dancer):
     scene = Scene(dancer, "dancer", "cpu")
-    session, begin, seconds = clip_session(scene, "Dance", 0.7, None)
+    session, begin, seconds = clip_session(scene.rigging, "Dance", 0.7, None)
     assert (begin, seconds) == (30, 0.5)
     film = Film(scene, session, 30)
     film.cut(begin, None)
@@ -68,9 +68,9 @@ def test_a_soft_clip_is_on_its_way_when_the_film_begins(dancer):
 
 def test_a_clip_that_is_not_there_is_named(dancer, ball):
     with pytest.raises(SessionError, match="no clip 'Run': its clips are Dance"):
-        clip_session(Scene(dancer, "dancer", "cpu"), "Run", 0.0, None)
+        clip_session(Scene(dancer, "dancer", "cpu").rigging, "Run", 0.0, None)
     with pytest.raises(SessionError, match="no clip 'Run': it has none"):
-        clip_session(Scene(ball, "ball", "cpu"), "Run", 0.0, None)
+        clip_session(Scene(ball, "ball", "cpu").rigging, "Run", 0.0, None)
 
 
 @pytest.mark.parametrize(

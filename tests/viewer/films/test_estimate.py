@@ -9,7 +9,7 @@ import pytest
 
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.document import Player, Scene, load_session, save_session, start_of
-from deformrf.viewer.films import Film, Hurry, strike, with_timeline
+from deformrf.viewer.films import Film, Hurry, with_timeline
 from deformrf.viewer.films.estimate import Estimator
 
 
@@ -44,7 +44,7 @@ def at_once(monkeypatch):
 def film_of(ball, session, playing, timeline):
     scene, first = Scene(ball, "ball", "cpu"), 0
     if timeline:
-        session, first = with_timeline(scene, session, playing)
+        session, first = with_timeline(playing(scene, session))
     film = Film(scene, session, 30, playing=playing)
     film.cut(first, None)
     return film
@@ -90,7 +90,7 @@ def test_an_object_moves_for_some_seconds_after_an_edit(ball, session, at_once):
 
 def test_a_pose_is_struck_in_little_time(ball, session, at_once):
     scene, hurry = Scene(ball, "ball", "cpu"), Hurry()
-    strike(scene, session.path, hurry.player)
+    Film(scene, None, 30, playing=hurry.player).strike(session.path)
     assert hurry.left_out > 30 and scene.handles.grabbed is None
 
 

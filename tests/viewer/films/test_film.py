@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -15,7 +16,7 @@ from deformrf.viewer.camera import Orbit
 from deformrf.viewer.camera import camera_of as camera_of
 from deformrf.viewer.document import Event, Session, save_session, start_of
 from deformrf.viewer.films import Film
-from deformrf.viewer.films.film import Views, between, frame_count, turned_around
+from deformrf.viewer.films.film import Views, frame_count
 
 
 def views(*events):
@@ -42,12 +43,13 @@ def test_the_camera_stands_between_views_that_are_far_apart():
 
 
 def test_the_camera_turns_the_shorter_way():
-    half = between(Orbit(yaw=3.0), Orbit(yaw=-3.0), 0.5)
-    assert np.cos(half.yaw) == pytest.approx(-1.0)
+    track = views(Event(10, "view", {"yaw": 3.0}), Event(20, "view", {"yaw": -3.0}))
+    assert np.cos(track.at(15.0).yaw) == pytest.approx(-1.0)
 
 
 def test_a_whole_turn_ends_where_it_began():
-    first, last = (camera_of(turned_around(Orbit(), share), 8, 8) for share in (0.0, 1.0))
+    film = Film(SimpleNamespace(orbit=Orbit()), None, 30, turn=2.0)
+    first, last = (camera_of(film.orbit(tick), 8, 8) for tick in (0.0, 120.0))
     np.testing.assert_allclose(first.camera_to_world, last.camera_to_world, atol=1e-12)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from deformrf.viewer.document import Scene, save_session, start_of
-from deformrf.viewer.films import strike
+from deformrf.viewer.films import Film
 from deformrf.viewer.films.still import PoseError, load_vertices
 
 
@@ -24,7 +24,7 @@ def test_vertices_of_a_file_are_the_pose(scene, tmp_path, name, dtype):
         np.save(path, np.asfortranarray(vertices))
     else:
         np.savez_compressed(path, other=np.zeros(3), vertices=vertices)
-    strike(scene, path)
+    Film(scene, None, 30).strike(path)
     np.testing.assert_allclose(scene.positions, vertices, atol=1e-6)
 
 
@@ -36,7 +36,7 @@ def test_the_last_pose_of_a_session_is_the_pose(scene, ball, tmp_path):
         scene.handles.drag_to(np.add(place, [0.0, 0.0, 0.01 * tick]))
         scene.clock.advance(1 / 60)
     other = Scene(ball, "ball", "cpu")
-    strike(other, save_session(scene, start, tmp_path / "s.jsonl"))
+    Film(other, None, 30).strike(save_session(scene, start, tmp_path / "s.jsonl"))
     assert np.array_equal(other.positions, scene.positions)
     assert other.handles.grabbed is None
 

@@ -87,7 +87,7 @@ def film_frames(path):
 def test_a_take_is_made_into_a_film(taken, tmp_path, capfd):
     """From the two presses of F9 on; the viewer draws frames meanwhile."""
     takes = taken.takes
-    assert (takes.take.first, takes.take.last, takes.take.seconds) == (20, 50, 0.5)
+    assert takes.take == (20, 50) and takes.film_seconds("take") == 0.5
     assert takes.asking and not takes.recording and taken.recorder.video is None
     frames(taken)  # the window can be drawn
     takes.start_film()
@@ -125,9 +125,7 @@ def test_a_film_that_fails_says_why(taken, capfd, monkeypatch):
     taken.takes.start_film()
     assert taken.takes.job is None and f"{film} is there already" in capfd.readouterr().err
     film.rmdir()
-    monkeypatch.setattr(
-        FilmChoices, "arguments", lambda choices, size: ["--size", "9x9", "-o", str(film)]
-    )
+    monkeypatch.setattr(FilmChoices, "arguments", lambda *_: ["--size", "9x9", "-o", str(film)])
     taken.takes.start_film()
     until(lambda: taken.takes.update() or taken.takes.job is None)
     assert "--size is 9x9" in capfd.readouterr().err
@@ -138,7 +136,7 @@ def test_a_session_beside_a_film_takes_the_place_of_no_other(taken, tmp_path, mo
     taken.takes.choices = FilmChoices("run.v2", "as the window", 15, 1, format="PNG files")
     for name in ("run.jsonl", "run.v2.jsonl"):
         (tmp_path / name).write_text("mine")
-    monkeypatch.setattr(FilmChoices, "arguments", lambda choices, size: ["--size", "9x9"])
+    monkeypatch.setattr(FilmChoices, "arguments", lambda *_: ["--size", "9x9"])
     taken.takes.start_film()
     for name in ("run.jsonl", "run.v2.jsonl"):
         assert (tmp_path / name).read_text() == "mine"
@@ -241,8 +239,8 @@ def test_choices_are_arguments_of_the_command(format, name, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     choices = FilmChoices("a", "1280x720", 24, 16, blur=True, format=format, transparent=True)
     choices.what = "take"
-    shown = choices.shown(tmp_path / "s.jsonl", (2, 5))
-    arguments = [*choices.arguments((33, 44)), *shown, "-o", str(choices.path)]
+    arguments = choices.arguments((33, 44), tmp_path / "s.jsonl", (2, 5))
+    arguments += ["-o", str(choices.path)]
     parsed = options.parsed("deformrf render", RenderArguments, arguments)
     assert check(parsed) == (1280, 720)
     assert (parsed.fps, parsed.samples, parsed.shutter) == (24, 16, 0.5)

@@ -240,8 +240,8 @@ def test_a_video_without_a_frame_takes_nobody_s_place(tmp_path, name):
 
 
 CLOSING = [  # calls in close, of the module and of an object in it
-    *(("a.mp4", call) for call in ("sync", "os.replace", "threading.Thread.join")),
-    *(("a", call) for call in ("Path.rename", "ThreadPoolExecutor.shutdown")),
+    *(("a.mp4", call) for call in ("sync", "Path.replace", "threading.Thread.join")),
+    *(("a", call) for call in ("Path.replace", "ThreadPoolExecutor.shutdown")),
 ]
 
 

@@ -100,7 +100,7 @@ def test_drags_can_be_left_to_red_points(controls, scene, monkeypatch):
 
 def test_in_pose_it_stays_a_click_lets_it_go_and_p_pins_it(controls, scene):
     said = []
-    controls.told.say = said.append
+    controls.say = said.append
     scene.settings.hand = "pose"
     vertex = front_vertex(controls)
     for pinned in False, True:
@@ -279,7 +279,7 @@ def test_a_ball_pushes_what_is_under_the_mouse(controls, scene, events):
 @pytest.mark.parametrize("stands", [False, True], ids=["paused", "at a timeline's pose"])
 def test_a_ball_says_why_it_waits_or_lets_time_go_on(controls, scene, stands):
     said = []
-    controls.told.say = said.append
+    controls.say = said.append
     scene.settings.tool = "push"
     if stands:
         scene.timeline.key(0, None, True)

@@ -8,8 +8,7 @@ from deformrf.core.render import Renderer
 from deformrf.viewer.camera import project
 from deformrf.viewer.document import Scene, masks_of
 from deformrf.viewer.document.history.undo import _same
-from deformrf.viewer.tools import CTRL, SHIFT
-from deformrf.viewer.tools import deleting as d
+from deformrf.viewer.tools import CTRL, SHIFT, brushes
 
 
 def state_of(scene):
@@ -38,7 +37,7 @@ def said():
 def controls(hand, scene, renderer, said):
     """A hand that sees the object's depths."""
     made = hand(scene, lambda: renderer.render(made.camera).depth_array())
-    made.told.say = said.append
+    made.say = said.append
     return made
 
 
@@ -125,9 +124,9 @@ def test_beside_the_object_the_brush_turns_the_view(controls, scene):
 def test_the_wheel_sets_the_size_of_the_brush_and_does_not_zoom(controls, scene):
     scene.settings.tool, distance = "delete", scene.orbit.distance
     controls.scroll(np.array([160.0, 120.0]), 3)
-    assert scene.settings.brush_radius == pytest.approx(24.0 * d.WIDER_PER_NOTCH**3)
+    assert scene.settings.brush_radius == pytest.approx(24.0 * brushes.WIDER_PER_NOTCH**3)
     controls.scroll(np.array([160.0, 120.0]), -100)
-    assert scene.settings.brush_radius == d.BRUSH_RADII[0]
+    assert scene.settings.brush_radius == brushes.BRUSH_RADII[0]
     assert scene.orbit.distance == distance
 
 

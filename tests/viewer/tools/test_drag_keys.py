@@ -207,7 +207,7 @@ def test_a_free_drag_goes_with_the_mouse_until_it_ends(controls, scene, ending):
 
 def test_without_a_selection_it_takes_the_point_under_the_mouse_or_says_so(controls, scene):
     said = []
-    controls.told.say = said.append
+    controls.say = said.append
     controls.turn_into("turn")
     assert not controls.free and said[-1].startswith("nothing to turn")
     (handle,) = select(controls, 1)
@@ -310,7 +310,7 @@ def test_a_bone_is_turned_by_a_number_and_reaches_with_its_tip(controls, scene, 
     wanted = tail + np.array([0.0, 0.0, 0.05 * scene.size])
     np.testing.assert_allclose(scene.posing.ends[1, 1], wanted, atol=1e-5)
     said = []
-    controls.told.say = said.append
+    controls.say = said.append
     controls.turn_into("scale")
     assert said[-1] == "scale: not with a bone" and not controls.mode
     scene.settings.gizmo = "scale"  # it offers what can be done
@@ -405,7 +405,7 @@ def test_the_middle_button_orbits_with_blenders_keys(controls, scene, keys, modi
 @pytest.mark.parametrize("text", ["", "nan", "1e400", "-inf", "a third", "9" * 400])
 def test_what_is_no_number_is_refused_with_a_sentence(controls, scene, text):
     said = []
-    controls.told.say = said.append
+    controls.say = said.append
     select(controls)
     controls.apply(text, 0)
     assert said[-1].endswith("is no number") and len(said[-1]) < 40
@@ -455,7 +455,7 @@ def look_away(scene):
 @pytest.mark.parametrize("kind", ["move", "turn"])
 def test_what_is_behind_the_eye_is_not_dragged(controls, scene, chain, tool, kind):
     said, scene.settings.tool = [], tool
-    controls.told.say = controls.told.say = said.append
+    controls.say = said.append
     if tool == "grab":
         select(controls)
     look_away(scene)
@@ -481,7 +481,7 @@ def test_what_comes_behind_the_eye_in_a_drag_stays_finite(controls, scene, chain
 
 def test_the_panel_refuses_a_factor_that_is_not_positive(controls, scene):
     said, scene.settings.gizmo = [], "scale"
-    controls.told.say = said.append
+    controls.say = said.append
     select(controls)
     for text in ("0", "-2"):
         controls.apply(text, 0)

@@ -7,7 +7,7 @@ import pytest
 
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
-from deformrf.viewer.tools.under_mouse import NEAREST
+from deformrf.viewer.tools.viewport import NEAREST
 
 pytestmark = pytest.mark.gl
 

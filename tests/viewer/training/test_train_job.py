@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from deformrf.commands import view as command
-from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job, watching
+from deformrf.viewer.training import TrainJob, TrainOffer, offer_of, train_job
 
 WORKS = """
 import json, sys, time
@@ -156,7 +156,7 @@ def test_a_folder_that_is_dropped_is_trained_and_its_model_shown(
     drop(app, photos)
     assert isinstance(app.questions.dialog, TrainOffer) and app.questions.dialog.data == photos
     offer = app.questions.dialog
-    watching.begin_job(app)
+    app.watcher.begin_offered()
     job = app.train_job
     assert app.questions.dialog is None
     app.run(app.frame_count + 1)  # which may see its end
@@ -178,7 +178,7 @@ def watched(app, photos, monkeypatch, ball_file):
     """The App while a run that it has begun waits, with a snapshot."""
     monkeypatch.setattr(train_job, "CODE", works(ball_file, waits=True))
     drop(app, photos)
-    watching.begin_job(app)
+    app.watcher.begin_offered()
     return app
 
 
@@ -227,7 +227,7 @@ def test_a_run_that_fails_says_why_and_the_scene_stays(app, photos, monkeypatch)
     monkeypatch.setattr(train_job, "CODE", FAILS)
     scene = app.scene
     drop(app, photos)
-    watching.begin_job(app)
+    app.watcher.begin_offered()
     ended(app.train_job)
     app.run(app.frame_count + 2)
     assert app.scene is scene and "too few photographs" in app.recorder.message
@@ -238,7 +238,7 @@ def test_the_offer_is_answered_with_the_mouse(app, photos, monkeypatch):
     from imgui_bundle import imgui
 
     began = []
-    monkeypatch.setattr("deformrf.viewer.app.begin_job", began.append)
+    monkeypatch.setattr(app.watcher, "begin_offered", lambda: began.append(app))
     places = {}
     button = imgui.button
 

@@ -15,7 +15,9 @@ from deformrf.viewer.training import watching
 def watcher(tmp_path, monkeypatch):
     monkeypatch.setattr(watching, "choose_path", lambda *_: "copy")
     job = SimpleNamespace(device="cpu", output=tmp_path / "m.npz")
-    return watching.Watcher(SimpleNamespace(ctx=None), job)
+    made = watching.Watcher(SimpleNamespace(ctx=None))
+    made.begin(job)
+    return made
 
 
 def made(watcher, field, path, step, kept=False):

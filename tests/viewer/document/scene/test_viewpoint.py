@@ -9,14 +9,16 @@ from deformrf.viewer.actions import ACTIONS, AXIS_VIEWS, FROM_VIEW, UPS, action_
 from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import (
+    Event,
     Player,
     Scene,
+    Session,
     SessionError,
     load_session,
     save_session,
     start_of,
 )
-from deformrf.viewer.films.film import between
+from deformrf.viewer.films.film import Views
 from deformrf.viewer.tools import SHIFT, Controls
 
 
@@ -129,12 +131,16 @@ def test_depths_of_parallel_rays_are_those_of_the_object(scene):
 
 def test_a_film_cuts_where_another_direction_is_up():
     first = orbits.Orbit(yaw=0.2, roll=-3.1)
-    second = orbits.changed(first, {"yaw": 0.6, "roll": 3.1})
-    middle = between(first, second, 0.5)
+    second = {"yaw": 0.6, "roll": 3.1}
+
+    def at(tick, values):
+        return Views(Session({"ticks": 10}, [Event(10, "view", values)]), first).at(tick)
+
+    middle = at(5.0, second)
     assert middle.yaw == pytest.approx(0.4)
     assert abs(middle.roll) == pytest.approx(np.pi)  # the shorter way around
     for other in ({"up": UPS["+y"]}, {"parallel": True}):
-        assert between(first, orbits.changed(second, other), 0.9) is first
+        assert at(9.0, second | other) is first
 
 
 @pytest.mark.parametrize("up", ["+z", "-y"])
