@@ -8,7 +8,7 @@ from .action import action, toggle
 
 @action("search all actions", "CTRL+F", "Help/Search...", "F3")
 def search(questions):
-    from .search import ActionSearch  # which looks at all actions
+    from .table import ActionSearch  # which looks at all actions
 
     questions.dialog = ActionSearch()
 

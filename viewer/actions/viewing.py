@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.render import MODES
 from ..camera import pose_of, with_up
-from ..settings import PANEL_WIDTHS, SIDES, TASKS
+from ..settings import OF_BONES, PANEL_WIDTHS, SIDES, TASKS
 from ..tools import found_box
 from .action import action, choice, gesture, toggle
 
@@ -57,7 +57,7 @@ for _name, (_yaw, _pitch, _key) in AXIS_VIEWS.items():
 
 
 @action(
-    *("orthographic, or not", "_5", "View/Orthographic"),
+    *("parallel rays, or not: what is far away is as large", "_5", "View/Orthographic"),
     on=lambda viewpoint: viewpoint.orbit.parallel,
 )
 def toggle_parallel(viewpoint):
@@ -143,7 +143,8 @@ toggle("show_bones", "hide or show bones", "SHIFT+H", "View/Bones")
 
 
 @action(
-    *("the ground with the object's shadow", "", "View/Ground"),
+    "the ground with the object's shadow, where there is one and under what stands",
+    menu="View/Ground and shadow",
     on=lambda settings: settings.show_ground,
 )
 def toggle_ground(settings):
@@ -162,12 +163,28 @@ def toggle_box(settings, field, say):
 
 # -- panels ------------------------------------------------------------------------------------
 
+
+def _choose_task(task, settings, controls, rigging):
+    """Show the panel about a task, with its tool in the hand and its part of the window."""
+    settings.task = task
+    settings.show_timeline |= task == "animate"
+    with_bones = settings.tool in OF_BONES
+    if task == "rig" and not with_bones:
+        controls.take_tool("joints" if rigging.skeleton is None else "bones")
+    elif task == "bend" and with_bones:
+        controls.take_tool("grab")
+
+
+def _is_task(task, settings):
+    return settings.task == task
+
+
 for _task in TASKS:
-    choice(
-        *("task", _task, f"the panel is about {_task}"),
-        menu=f"View/-Task/{_task.capitalize()}",
+    action(
+        *(f"the panel is about {_task}", "", f"View/-Task/{_task.capitalize()}"),
         name=f"task_{_task}",
-    )
+        on=partial(_is_task, _task),
+    )(partial(_choose_task, _task))
 toggle("show_panel", "hide or show the panel", "TAB", "View/Panel/Shown")
 
 

@@ -6,28 +6,28 @@ from functools import partial
 from imgui_bundle import imgui
 
 from ..actions import AXIS_VIEWS, FROM_VIEW, UPS, line_of, set_up, show_photograph, up_name
-from ..camera import changed, widened
+from ..camera import widened
 from ..settings import ORBIT_KEYS, PHOTOGRAPHS
-from .widgets import beside, button, checkbox, combo, number_setting, slider, text_field
+from .widgets import (
+    action_box,
+    button,
+    buttons,
+    combo,
+    delete_button,
+    number_setting,
+    slider,
+    text_field,
+)
 
 ANGLES = 5.0, 100.0  # degrees
 WIDER = "the distance changes with it, so that the object stays as large"
-PARALLEL = "parallel rays: what is far away is as large"
 PHOTOGRAPH = "over the render as long as the camera is where it was taken, or beside it"
 ORBIT = "the key with which a drag on the object turns the view"
 UP = "what the horizon is level to: some captures lie on their side"
 
 
 def camera_panel(viewpoint, settings, actions):
-    for number, name in enumerate(AXIS_VIEWS):
-        if number:
-            beside(name.capitalize())
-        button(name.capitalize(), actions, name)
-    beside("Fly")
-    button("Fly", actions, "fly", "with W A S D, Q and E, and the mouse")
-    button("Reset camera", actions, "home")
-    imgui.same_line()
-    button("Focus", actions, "focus", "on the object, or on what is under the mouse")
+    buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
     _lens(viewpoint, actions)
     if settings.grab_anywhere:
         change = partial(setattr, settings, "orbit_key")
@@ -41,21 +41,17 @@ def _lens(viewpoint, actions):
     def widen(degrees):
         viewpoint.orbit = widened(orbit, math.radians(degrees))
 
-    def choose(parallel):
-        viewpoint.orbit = changed(orbit, {"parallel": parallel})
-
     angle = math.degrees(orbit.field_of_view)
     slider("field of view", angle, ANGLES, "%.0f°", widen, tooltip=WIDER)
-    tooltip = actions.with_key("toggle_parallel", PARALLEL)
-    checkbox("orthographic", orbit.parallel, choose, tooltip)
+    action_box(actions, "toggle_parallel")
     combo("up", up_name(orbit), [*UPS, FROM_VIEW], partial(set_up, viewpoint), UP)
 
 
 def photographs_panel(photographs, settings, viewpoint, controls, fly, center, actions):
     """The data set's photographs, if its folder was given."""
-    button("<", actions, "previous_photograph")
+    button(actions, "previous_photograph", "<")
     imgui.same_line()
-    button(">", actions, "next_photograph")
+    button(actions, "next_photograph", ">")
     imgui.same_line()
     imgui.text_disabled(line_of(photographs))
     change = partial(show_photograph, photographs, settings, viewpoint, controls, fly, center)
@@ -67,13 +63,11 @@ def photographs_panel(photographs, settings, viewpoint, controls, fly, center, a
 def _saved(viewpoint, actions):
     viewpoint.new_name = text_field("##name", viewpoint.new_name, "a name", width=150.0)
     imgui.same_line()
-    button("Save view", actions, "save_view")
+    button(actions, "save_view")
     for name in list(viewpoint.saved):
         imgui.push_id(name)
         if imgui.button(name):
             viewpoint.go_to(name)
         imgui.same_line()
-        if imgui.small_button("x"):
-            viewpoint.delete(name)
-        imgui.set_item_tooltip("delete it")
+        delete_button(viewpoint.delete, name)
         imgui.pop_id()

@@ -1,4 +1,4 @@
-"""The windows about films: what film to make, how far it is, and its frame over the view."""
+"""The task *Film*, and its windows: what film to make, how far it is, its frame over the view."""
 
 from functools import partial
 
@@ -6,7 +6,17 @@ from imgui_bundle import imgui
 
 from ..files import readable
 from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECONDS
-from .widgets import checkbox, combo, named, sides, slider, text_field, was_entered
+from .widgets import (
+    action_box,
+    buttons,
+    checkbox,
+    combo,
+    named,
+    sides,
+    slider,
+    text_field,
+    was_entered,
+)
 
 FILM_WIDTH = 340.0
 BUTTONS = 130.0  # points that the window takes besides what is chosen
@@ -20,6 +30,29 @@ FORMS = {
     **{"1080x1080": ", square 1:1", "1080x1920": ", portrait 9:16"},
 }
 FOLDER_HINT = "the current folder"
+IN_PICTURES = "toggle_handles_in_clips", "toggle_panel_in_screenshots"  # boxes
+RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
+
+
+def filming_panel(takes, recorder, actions):
+    """Pictures, recordings, films."""
+    buttons(actions, "record", "save_film", "screenshot", "record_screen")
+    line, video = recording_line(takes, recorder), recorder.video
+    if line:
+        imgui.text_colored(RECORDING_RED, line)
+    if video:
+        told = f"{video.repeated_count} repeated, {video.dropped_count} left out"
+        imgui.text(f"{video.frame_count} frames, {told}")
+    for name in ("frame_guide", "toggle_transparent", *IN_PICTURES):
+        action_box(actions, name)
+
+
+def recording_line(takes, recorder) -> str:
+    """What is being recorded, and how long; empty if nothing."""
+    lines = [f"recording, {takes.seconds:.1f} s"] if takes.recording else []
+    if recorder.video:
+        lines.append(f"clip of the screen, {recorder.video.seconds:.1f} s")
+    return "; ".join(lines)
 
 
 def film_window(takes) -> None:
@@ -69,24 +102,25 @@ def _picture(choices, window_size):
     def change(name, convert=str):
         return lambda value: setattr(choices, name, convert(value))
 
+    def box(label, name, can_be, tooltip=""):
+        imgui.begin_disabled(not can_be)
+        checkbox(label, getattr(choices, name), change(name, bool), tooltip)
+        imgui.end_disabled()
+
     sizes = {f"{size}{FORMS.get(size, '')}": size for size in SIZES}
     shown = next(word for word, size in sizes.items() if size == choices.size)
-    combo("size", shown, sizes, lambda word: setattr(choices, "size", sizes[word]))
+    combo("size", shown, sizes, change("size", sizes.get))
     if choices.size == FREE:
-        sides("width, height", choices.free_size, partial(setattr, choices, "free_size"))
+        sides("width, height", choices.free_size, change("free_size", tuple))
     imgui.text_disabled(choices.size_line(window_size))
     combo("frames a second", str(choices.fps), map(str, RATES), change("fps", int))
     counts = map(str, SAMPLE_COUNTS)
     combo("samples", str(choices.samples), counts, change("samples", int), SAMPLES_TOOLTIP)
     combo("format", choices.format, FORMATS, change("format"))
-    imgui.begin_disabled(choices.samples == 1)
-    checkbox("motion blur", choices.blur, partial(setattr, choices, "blur"), BLUR_TOOLTIP)
-    imgui.end_disabled()
+    box("motion blur", "blur", choices.samples > 1, BLUR_TOOLTIP)
     imgui.same_line()
-    imgui.begin_disabled(not choices.can_be_transparent)
-    checkbox("transparent", choices.transparent, partial(setattr, choices, "transparent"))
-    imgui.end_disabled()
-    checkbox("red points and bones in it", choices.handles, partial(setattr, choices, "handles"))
+    box("transparent", "transparent", choices.can_be_transparent)
+    box("red points and bones in it", "handles", True)
 
 
 def _file(choices, problem):

@@ -6,7 +6,7 @@ from imgui_bundle import imgui
 
 from ..settings import GIZMOS
 from .selection import AXES
-from .widgets import segments, setting, text_field
+from .widgets import action_box, segments, text_field
 
 LINE = imgui.get_color_u32
 VIEW = (0.35, 0.36, 0.40, 0.9)  # what has no axis
@@ -16,12 +16,8 @@ WIDTH, EDGE_WIDTH = 2.5, 4.5  # points
 CHOICE = 88.0  # points, of the box of what it does
 TIP = 6.0  # points, of an arrow's head, or half a box
 FAINT = 0.45  # opacity of a square
-TOLD = """by its arrows, rings or boxes;
-a bone turns, or its tip or the head of a root moves; a joint moves"""
 HINTS = {"move": "0.1", "turn": "45", "scale": "1.5"}
 UNITS = {"move": "in sizes of the object", "turn": "in degrees", "scale": "a factor"}
-OWN = """along the axes that the object has there now, or the bone's;
-while dragging: X, Y or Z twice"""
 
 
 def gizmo_overlay(controls, fly) -> None:
@@ -61,10 +57,10 @@ def _tip(lines, points, color, kind):
 def gizmo_switch(settings, controls, gui, actions) -> None:
     """What the gizmo does, and along which axes."""
     words = {kind: kind.capitalize() for kind in GIZMOS}
-    told = actions.with_key("next_gizmo", TOLD)
+    told = actions.told("next_gizmo")
     segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
     imgui.same_line()
-    setting("its own axes", settings, "own_axes", actions.with_key("own_axes", OWN))
+    action_box(actions, "own_axes")
     gizmo = controls.tool.gizmo
     if gizmo is not None and imgui.tree_node("by numbers"):
         _amount(controls, gui, gizmo.kind)

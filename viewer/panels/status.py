@@ -3,7 +3,7 @@
 from imgui_bundle import imgui
 
 from .bend import state_line
-from .filming import RECORDING_RED, recording_line
+from .film import RECORDING_RED, recording_line
 
 BETWEEN = 18.0  # points
 

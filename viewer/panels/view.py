@@ -10,11 +10,10 @@ from ..files import readable
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
 from ..settings import MESH_RANGES, SIDES, SURFACES, THEMES
-from .widgets import LOGARITHMIC, checkbox, color, combo, number_setting, setting
+from .widgets import LOGARITHMIC, action_box, color, combo, number_setting, setting
 
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
-GROUND = "with the object's shadow: where there is one, and under what stands"
 PANEL_SCALES = {"80 %": 0.8, "100 %": 1.0, "125 %": 1.25, "150 %": 1.5, "200 %": 2.0}
 SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
 SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
@@ -47,29 +46,24 @@ def model_panel(field, name):
 def picture_panel(settings, viewpoint, actions):
     """What the picture shows."""
     change = partial(setattr, settings, "mode")
-    combo("show", settings.mode, MODES, change, actions.with_key("next_mode", "next one"))
+    combo("show", settings.mode, MODES, change, actions.told("next_mode"))
     line = caption(settings.mode, viewpoint.depth_range)
     if line:
         imgui.text_disabled(line)
     color("background", settings.background, partial(setattr, settings, "background"))
     setting("checkerboard", settings, "checkerboard")
     imgui.same_line()
-    checkbox("ground", settings.show_ground, partial(_show_ground, settings), GROUND)
-    setting("vertices", settings, "show_handles")
-    imgui.same_line()
-    setting("wireframe", settings, "show_wireframe")
-    imgui.same_line()
-    setting("bones", settings, "show_bones")
+    action_box(actions, "toggle_ground")
+    action_box(actions, "toggle_handles")
+    for name in ("toggle_wireframe", "toggle_bones"):
+        imgui.same_line()
+        action_box(actions, name)
     _mesh(settings, actions)
-
-
-def _show_ground(settings, on):
-    settings.show_ground = settings.show_floor = on
 
 
 def _mesh(settings, actions):
     change = partial(setattr, settings, "mesh_surface")
-    lines = (actions.with_key(action, text) for action, text in SHOWN_ON_MESH.items())
+    lines = (actions.told(action, text) for action, text in SHOWN_ON_MESH.items())
     tooltip = ",\n".join(lines) + ", as means about vertices"
     combo("mesh", settings.mesh_surface, SURFACES, change, tooltip)
     if settings.mesh_surface == "hidden":

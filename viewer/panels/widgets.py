@@ -8,24 +8,49 @@ import math
 from contextlib import contextmanager
 from functools import partial
 
-from imgui_bundle import imgui
-
-from .icons import icon
+from imgui_bundle import icons_fontawesome_6, imgui
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 LABEL_SHARE = 0.38  # of the width, for the name before a slider or a list
 
 
-def button(label, actions, action, tooltip="", width=0.0) -> None:
-    """A button that calls an action; its tooltip names the key."""
-    if imgui.button(label, (width, 0.0)):
+def icon(name: str) -> str:
+    """The glyph of a name, as "hand_pointer": of Font Awesome 6, which comes with imgui-bundle."""
+    return getattr(icons_fontawesome_6, f"ICON_FA_{name.upper()}")
+
+
+def button(actions, action, label="", tooltip="", width=0.0) -> None:
+    """A button that calls an action, by default with its title; its tooltip names the key."""
+    if imgui.button(label or actions.title(action), (width, 0.0)):
         actions.call(action)
-    _tooltip(actions.with_key(action, tooltip))
+    imgui.set_item_tooltip(actions.told(action, tooltip))
 
 
-def icon_button(glyph, actions, action, tooltip="") -> None:
-    """The same, with an icon."""
-    button(f"{icon(glyph)}##{action}", actions, action, tooltip)
+def buttons(actions, *names) -> None:
+    """Buttons side by side, in as many lines as they need."""
+    for number, name in enumerate(names):
+        if number:
+            beside(actions.title(name))
+        button(actions, name)
+
+
+def action_box(actions, action, tooltip="") -> None:
+    """A box with an action's title, for one that is on or off."""
+    title = actions.title(action)
+    change = partial(_call, actions, action)
+    label, told = title[0].lower() + title[1:], actions.told(action, tooltip)
+    checkbox(label, actions.is_on(action), change, told)
+
+
+def delete_button(delete, name) -> None:
+    """A small button that deletes what is called so."""
+    if imgui.small_button("x"):
+        delete(name)
+    imgui.set_item_tooltip("delete it")
+
+
+def _call(actions, action, on):
+    actions.call(action)
 
 
 def named(label):

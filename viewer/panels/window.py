@@ -10,15 +10,19 @@ from ..files import readable
 from ..loading import STAGES
 from ..parts import call, part
 from .boxes import box_overlay, brush_overlay
-from .dialogs import dialog_window
-from .film import film_window, frame_overlay, progress_window
-from .filming import RECORDING_RED, recording_line
+from .dialogs import dialog_window, recovery_window
+from .film import (
+    RECORDING_RED,
+    film_window,
+    frame_overlay,
+    progress_window,
+    recording_line,
+)
 from .gizmo import gizmo_overlay
 from .help import help_size, help_window
 from .inspector import inspector
 from .leaving import leaving_window
 from .menu import menu_bar
-from .recovery import recovery_window
 from .selection import gesture_overlay
 from .status import status_height, status_line
 from .timeline import STRIP_HEIGHT, timeline_strip
