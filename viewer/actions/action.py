@@ -90,14 +90,22 @@ def action(help, key="", menu="", blender=None, name="", on=None, stop=""):
 def choice(setting, value, help, key="", menu="", blender=None, name="", otherwise=None):
     """Make an action that gives one of the Settings a value; or another one, if it has that."""
 
-    def is_on(settings):
-        return getattr(settings, setting) == value
+    is_on = has(setting, value)
 
     def choose(settings):
         other = otherwise is not None and is_on(settings)
         setattr(settings, setting, otherwise if other else value)
 
     action(help, key, menu, blender, name, is_on)(choose)
+
+
+def has(setting, value):
+    """A function of settings: whether one of them has this value."""
+
+    def is_on(settings):
+        return getattr(settings, setting) == value
+
+    return is_on
 
 
 def toggle(setting, help, key="", menu="", blender=None, name=""):

@@ -4,7 +4,7 @@ from functools import partial
 
 from ..settings import GIZMOS, OF_BONES
 from ..tools import KINDS, MOVE, SCALE, TURN, said
-from .action import action, choice, gesture, toggle
+from .action import action, choice, gesture, has, toggle
 
 gesture("left drag on a red point", "bend the object; all that is selected goes along")
 gesture("left drag on the object", "bend it there (Alt: orbit)")
@@ -38,7 +38,7 @@ def pin(controls):
 @action(
     "what a drag lets go stays there, as a golden point; or it springs back",
     *("N", "Edit/Stays when let go"),
-    on=lambda settings: settings.hand == "pose",
+    on=has("hand", "pose"),
 )
 def pose(handles, settings):
     handles.choose_hand("physics" if settings.hand == "pose" else "pose")
@@ -132,10 +132,8 @@ def tool(tool, help, key="", menu="", blender=None, name="", stop=""):
         elif settings.tool not in OF_BONES and settings.task == "rig":
             settings.task = "bend"
 
-    def is_on(settings):
-        return settings.tool == tool
-
-    action(help, key, menu, blender, name or tool.replace(" ", "_"), is_on, stop)(take)
+    name = name or tool.replace(" ", "_")
+    action(help, key, menu, blender, name, has("tool", tool), stop)(take)
 
 
 tool("grab", "bend: drag red points, or the object", menu="Edit/-Tool/Bend")

@@ -8,9 +8,9 @@ import numpy as np
 
 from ...core.render import MODES
 from ..camera import pose_of, with_up
-from ..settings import OF_BONES, PANEL_WIDTHS, SIDES, TASKS
+from ..settings import OF_BONES, PANEL_WIDTHS, TASKS
 from ..tools import found_box
-from .action import action, choice, gesture, toggle
+from .action import action, choice, gesture, has, toggle
 
 AXIS_VIEWS = {  # yaw and pitch [degrees], and the key
     "front": (0.0, 0.0, "_1"),
@@ -131,7 +131,7 @@ for _surface, _help, _key, _name in (
 
 @action(
     *("hide or show all points and pins", "H", "View/Vertices", "CTRL+H"),
-    on=lambda settings: settings.show_handles,
+    on=has("show_handles", True),
 )
 def toggle_handles(settings, handles):
     settings.show_handles = not settings.show_handles
@@ -145,7 +145,7 @@ toggle("show_bones", "hide or show bones", "SHIFT+H", "View/Bones")
 @action(
     "the ground with the object's shadow, where there is one and under what stands",
     menu="View/Ground and shadow",
-    on=lambda settings: settings.show_ground,
+    on=has("show_ground", True),
 )
 def toggle_ground(settings):
     settings.show_ground = settings.show_floor = not settings.show_ground
@@ -153,7 +153,7 @@ def toggle_ground(settings):
 
 @action(
     *("the box that training found around the object", "O", "View/Box"),
-    on=lambda settings: settings.show_box,
+    on=has("show_box", True),
 )
 def toggle_box(settings, field, say):
     settings.show_box = not settings.show_box
@@ -175,26 +175,20 @@ def _choose_task(task, settings, controls, rigging):
         controls.take_tool("grab")
 
 
-def _is_task(task, settings):
-    return settings.task == task
-
-
 for _task in TASKS:
     action(
         *(f"the panel is about {_task}", "", f"View/-Task/{_task.capitalize()}"),
         name=f"task_{_task}",
-        on=partial(_is_task, _task),
+        on=has("task", _task),
     )(partial(_choose_task, _task))
 toggle("show_panel", "hide or show the panel", "TAB", "View/Panel/Shown")
 
 
-@action(
-    "at the other side",
-    menu="View/Panel/On the right",
-    on=lambda settings: settings.panel_side == "right",
+choice(
+    *("panel_side", "right", "at the other side", "", "View/Panel/On the right"),
+    name="panel_side",
+    otherwise="left",
 )
-def panel_side(settings):
-    settings.panel_side = SIDES[1 - SIDES.index(settings.panel_side)]
 
 
 def _widen(by, settings):

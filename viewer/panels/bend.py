@@ -8,18 +8,20 @@ from imgui_bundle import imgui
 from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP, Material
 from ..document import EARTH
 from ..layers import line_spacing
-from ..settings import DELETING, GRAB_RADII
-from .gizmo import gizmo_switch
+from ..settings import DELETING, GIZMOS, GRAB_RADII
 from .widgets import (
     LOGARITHMIC,
+    action_box,
     buttons,
     checkbox,
     combo,
     named,
     number_setting,
     section,
+    segments,
     setting,
     slider,
+    text_field,
 )
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
@@ -32,7 +34,6 @@ YIELD_STRAINS = 0.0, 0.5
 AIR_DRAGS = 0.0, 10.0  # 1/s
 WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
-CUSTOM = "custom"  # the name of a material that is none of these
 PRICE = "what they took of each 60th of a second when the object moved last"
 HOLDS = "about the stiffness (Young's modulus) that the object has with these substeps"
 SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
@@ -50,6 +51,12 @@ YIELD = "how far edges are strained before they stay so"
 AIR = "how fast it brakes what moves"
 TAKES = "how far around the mouse a drag takes the object along; the wheel does it, too"
 SOFT = "pull with springs, weaker towards the radius, instead of moving exactly"
+AMOUNTS = {  # by which the gizmo can move, turn or scale: an example, and the unit
+    "move": ("0.1", "in sizes of the object"),
+    "turn": ("45", "in degrees"),
+    "scale": ("1.5", "a factor"),
+}
+AMOUNT_WIDTH = 88.0  # points
 STEPS_SHOWN = 8  # of what was done
 
 
@@ -64,11 +71,11 @@ def bend_panel(scene, body, cuts, handles, field, settings, controls, gui, times
         setting("grab anywhere", settings, "grab_anywhere", "on the object, not only at red points")
         imgui.same_line()
         setting("soft grip", settings, "soft_grab", SOFT)
-        gizmo_switch(settings, controls, gui, actions)
+        _gizmo(settings, controls, gui, actions)
         _selection(handles, field.mesh.vertex_count)
         _tool_options(settings, cuts, body, actions)
     if section("Material"):
-        combo("material", name_of(body.material), [*MATERIALS, CUSTOM], partial(_choose, body))
+        combo("material", body.material, MATERIALS, lambda one: body.set_material(**vars(one)))
         text = f"{si(body.material.young_modulus)}Pa"
         _material_slider(
             body, "stiffness", "young_modulus", YOUNG_MODULI, text, LOGARITHMIC, "Young's modulus"
@@ -80,9 +87,28 @@ def bend_panel(scene, body, cuts, handles, field, settings, controls, gui, times
         _advanced(body, times, actions)
 
 
-def _choose(body, name):
-    if name != CUSTOM:
-        body.set_material(**vars(MATERIALS[name]))
+def _gizmo(settings, controls, gui, actions) -> None:
+    """What the gizmo does, and along which axes."""
+    words = {kind: kind.capitalize() for kind in GIZMOS}
+    told = actions.told("next_gizmo")
+    segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
+    imgui.same_line()
+    action_box(actions, "own_axes")
+    gizmo = controls.tool.gizmo
+    if gizmo is not None and imgui.tree_node("by numbers"):
+        _amount(controls, gui, gizmo.kind)
+        imgui.tree_pop()
+
+
+def _amount(controls, gui, kind):
+    """A number, and buttons that move, turn or scale by it."""
+    example, unit = AMOUNTS[kind]
+    gui.amount = text_field("##amount", gui.amount, example, AMOUNT_WIDTH)
+    imgui.set_item_tooltip(unit)
+    for axis, name in enumerate("xyz"):
+        imgui.same_line()
+        if imgui.button(f"{kind} {name}"):
+            controls.apply(gui.amount, axis)
 
 
 def _selection(handles, vertex_count):
@@ -123,11 +149,6 @@ def state_line(scene) -> str:
     if scene.solver.rescue.held_by:
         return f"folded by {HELD_BY[scene.solver.rescue.held_by]}"
     return "paused" if scene.paused else "moving" if scene.moving else "at rest"
-
-
-def name_of(material) -> str:
-    """The panel's name for a material."""
-    return next((name for name, preset in MATERIALS.items() if preset == material), CUSTOM)
 
 
 def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):

@@ -1,4 +1,4 @@
-"""The dialogs: a file, an action, photographs to train, a session left behind, what went wrong."""
+"""The questions in the middle: a file, an action, a training, what to do with what was done."""
 
 import os
 import time
@@ -6,12 +6,16 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
+from ...core.base.paths import working_folder
 from ..actions import ActionSearch
 from ..files import FileDialog, Problem, readable
+from ..questions import FILM, TRAINING, WORK
 from ..training import TrainOffer
 from .widgets import was_entered
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
+LEAVING_WIDTH = 460.0
+GO_ON = {FILM: ("Wait and quit", "wait for it"), WORK: ("Save and quit", "save")}
 WAYS = {imgui.Key.up_arrow: -1, imgui.Key.down_arrow: 1}
 
 
@@ -122,6 +126,50 @@ def _row(entry, is_chosen, width):
         imgui.same_line(place * width)
         imgui.text_disabled(text)
     return clicked
+
+
+# -- the end -----------------------------------------------------------------------------------
+
+
+def leaving_window(questions, takes, project) -> None:
+    """Ask about a film, training or work that no file has; Esc is to stay."""
+    leaving = questions.leaving
+    title, text = _loss(leaving, takes.job, project)
+    label, entered = GO_ON.get(leaving.about, ("", "")) if not leaving.waits else ("", "")
+    imgui.push_text_wrap_pos(LEAVING_WIDTH)
+    imgui.text(title)
+    imgui.text_wrapped(readable(text))
+    if leaving.problem:
+        imgui.text_wrapped(readable(leaving.problem))
+    imgui.text_disabled(f"Enter: {entered}; Esc: cancel" if label else "Esc: cancel")
+    imgui.pop_text_wrap_pos()
+    if label:
+        if imgui.button(label) or was_entered():
+            if leaving.about == WORK:
+                questions.save()
+            else:
+                leaving.waits = True
+        imgui.same_line()
+    lose = "Quit without saving" if leaving.about == WORK else "Stop it and quit"
+    if imgui.button(lose) and questions.leaving is not None:
+        questions.settle()
+    imgui.same_line()
+    if imgui.button("Cancel"):
+        questions.dismiss()
+
+
+def _loss(leaving, job, project):
+    """What would be lost, in a few words and in more."""
+    if leaving.about == TRAINING:
+        text = "If you quit, training stops, and what is done of it is written."
+        return "A model is being trained", text
+    if leaving.about == WORK:
+        where = f"a new project into {working_folder()}" if project is None else project
+        return "Save what you did?", f"No file has it yet. Save writes {where}."
+    done = "" if job is None or not job.count else f" ({job.frame} of {job.count} frames are done)"
+    when = "The window closes when it is ready" if leaving.waits else "It is not ready yet"
+    text = f"{when}{done}. A film that you stop is cut short, and its name says so."
+    return "A film is being rendered", text
 
 
 # -- a session that was left behind ------------------------------------------------------------

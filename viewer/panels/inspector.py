@@ -7,11 +7,17 @@ from imgui_bundle import imgui
 
 from ..settings import TASKS
 from .bend import bend_panel, history_panel
-from .camera import camera_panel, photographs_panel
 from .film import filming_panel
 from .rig import rig_panel
 from .timeline import animate_panel
-from .view import model_panel, picture_panel, speed_panel, window_panel
+from .view import (
+    camera_panel,
+    model_panel,
+    photographs_panel,
+    picture_panel,
+    speed_panel,
+    window_panel,
+)
 from .widgets import highlighted, icon, section
 
 

@@ -20,6 +20,7 @@ from .widgets import (
     button,
     combo,
     delete_button,
+    number_setting,
     section,
     slider,
     text_field,
@@ -68,8 +69,7 @@ def _buttons(timeline, strip, actions):
         button(actions, name)
     imgui.same_line()
     imgui.set_next_item_width(58.0)
-    change = partial(setattr, strip, "turn_seconds")
-    slider("##turn", strip.turn_seconds, TURNS, "%.0f s", change, tooltip="of a turn")
+    number_setting("##turn", strip, "turn_seconds", TURNS, "%.0f s", tooltip="of a turn")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
     combo("##motion", timeline.motion, MOTIONS, timeline.set_motion, MOTION)

@@ -85,11 +85,11 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
         change(round(value) if whole else float(value))
 
 
-def sides(label, value, change) -> None:
-    """A field for two whole numbers; calls `change` with new ones."""
-    changed, chosen = imgui.input_int2(named(label), list(value))
+def sides(label, owner, name) -> None:
+    """A field for an attribute of two whole numbers."""
+    changed, chosen = imgui.input_int2(named(label), list(getattr(owner, name)))
     if changed:
-        change(tuple(chosen))
+        setattr(owner, name, tuple(chosen))
 
 
 def color(label, value, change) -> None:
@@ -103,12 +103,19 @@ def color(label, value, change) -> None:
 
 
 def combo(label, value, values, change, tooltip="") -> None:
-    """A box to choose one of several strings in; calls `change` with a new one."""
-    values = list(values)
-    changed, chosen = imgui.combo(named(label), values.index(value), values)
+    """A box to choose one of several values in; calls `change` with another one.
+
+    Args:
+        values: Strings or numbers, or a dictionary of what they are called; a value that is none
+            of these is "custom".
+    """
+    words = values if isinstance(values, dict) else {str(one): one for one in values}
+    words = words if value in words.values() else {**words, "custom": value}
+    found = list(words.values())
+    changed, chosen = imgui.combo(named(label), found.index(value), list(words))
     _tooltip(tooltip)
-    if changed:
-        change(values[chosen])
+    if changed and found[chosen] != value:
+        change(found[chosen])
 
 
 def text_field(label, value, hint="", width=-1.0) -> str:
@@ -127,15 +134,20 @@ def checkbox(label, value, change, tooltip="") -> None:
         change(value)
 
 
-def setting(label, settings, name, tooltip="") -> None:
-    """A box for one of the Settings."""
-    checkbox(label, getattr(settings, name), partial(setattr, settings, name), tooltip)
+def setting(label, owner, name, tooltip="") -> None:
+    """A box for one of the Settings, or another attribute that is on or off."""
+    checkbox(label, getattr(owner, name), partial(setattr, owner, name), tooltip)
 
 
-def number_setting(label, settings, name, bounds, text, flags=0, tooltip="") -> None:
-    """A slider for one of the Settings."""
-    change = partial(setattr, settings, name)
-    slider(label, getattr(settings, name), bounds, text, change, flags, tooltip)
+def number_setting(label, owner, name, bounds, text, flags=0, tooltip="") -> None:
+    """The same for a number, with a slider."""
+    change = partial(setattr, owner, name)
+    slider(label, getattr(owner, name), bounds, text, change, flags, tooltip)
+
+
+def choice_setting(label, owner, name, values, tooltip="") -> None:
+    """The same for one of several values, as `combo` has them."""
+    combo(label, getattr(owner, name), values, partial(setattr, owner, name), tooltip)
 
 
 def segments(values, chosen, choose, tooltip=lambda value: "") -> None:
