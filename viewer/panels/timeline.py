@@ -165,7 +165,8 @@ def _chosen_key(timeline, strip, actions):
     imgui.text_disabled(f"{track} at {as_time(tick)}")
     imgui.same_line()
     imgui.set_next_item_width(88.0)
-    combo("##easing", key.easing, EASINGS, partial(timeline.ease_key, track, tick), EASING)
+    change = partial(timeline.ease_key, track, tick)
+    combo("##easing", key.easing, list(EASINGS), change, EASING)
     for name in ("copy_key", "delete_key"):
         imgui.same_line()
         button(actions, name)

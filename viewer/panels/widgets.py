@@ -114,7 +114,7 @@ def combo(label, value, values, change, tooltip="") -> None:
     found = list(words.values())
     changed, chosen = imgui.combo(named(label), found.index(value), list(words))
     _tooltip(tooltip)
-    if changed and found[chosen] != value:
+    if changed:
         change(found[chosen])
 
 
