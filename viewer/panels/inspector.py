@@ -6,18 +6,11 @@ from typing import NamedTuple
 from imgui_bundle import imgui
 
 from ..settings import TASKS
+from . import view
 from .bend import bend_panel, history_panel
 from .film import filming_panel
 from .rig import rig_panel
 from .timeline import animate_panel
-from .view import (
-    camera_panel,
-    model_panel,
-    photographs_panel,
-    picture_panel,
-    speed_panel,
-    window_panel,
-)
 from .widgets import highlighted, icon, section
 
 
@@ -36,12 +29,12 @@ SECTIONS = {
     "animate": (TaskSection("", animate_panel),),
     "film": (TaskSection("", filming_panel),),
     "view": (
-        TaskSection("Picture", picture_panel),
-        TaskSection("Camera", camera_panel),
-        TaskSection("Photographs", photographs_panel, needs="photographs"),
-        TaskSection("Window", window_panel, False),
-        TaskSection("Speed", speed_panel, False),
-        TaskSection("Model", model_panel),
+        TaskSection("Picture", view.picture_panel),
+        TaskSection("Camera", view.camera_panel),
+        TaskSection("Photographs", view.photographs_panel, needs="photographs"),
+        TaskSection("Window", view.window_panel, False),
+        TaskSection("Speed", view.speed_panel, False),
+        TaskSection("Model", view.model_panel),
     ),
 }
 LEAST_PADDING = 6.0  # points, beside a word in its button

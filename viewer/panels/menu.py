@@ -82,11 +82,13 @@ def menu_bar(settings, handles, actions, preferences, opening) -> None:
 def switch_width(titled: bool) -> float:
     """What the switch of the hand takes of a line [points]."""
     style = imgui.get_style()
-    words = sum(
-        imgui.calc_text_size(word).x + 2.0 * style.frame_padding.x + 1.0
-        for word in HAND_WORDS.values()
-    )
-    return words + titled * (imgui.calc_text_size(HAND_TITLE).x + style.item_spacing.x)
+    words = _width(HAND_WORDS.values(), 2.0 * style.frame_padding.x + 1.0)
+    return words + titled * _width([HAND_TITLE], style.item_spacing.x)
+
+
+def _width(words, beside):
+    """What words take of a line, each with so much beside it [points]."""
+    return sum(imgui.calc_text_size(word).x + beside for word in words)
 
 
 def hand_switch(settings, handles, actions, titled: bool) -> None:
@@ -112,10 +114,7 @@ def offers_keys(preferences, settings) -> bool:
 def offer_width() -> float:
     """What the choice takes of a line [points]."""
     style, names = imgui.get_style(), [f"{name}'s" for name in KEYS.values()]
-    words = sum(
-        imgui.calc_text_size(one).x + style.item_spacing.x
-        for one in (KEYS_TITLE, KEYS_CLOSE, *names)
-    )
+    words = _width([KEYS_TITLE, KEYS_CLOSE, *names], style.item_spacing.x)
     rings = len(KEYS) * (imgui.get_frame_height() + style.item_inner_spacing.x)
     return words + rings + 2.0 * style.frame_padding.x
 

@@ -147,21 +147,21 @@ def box_edges(box):
 
 def box_overlay(field, settings, controls, radiance) -> None:
     """Draw the box that was found around the object; what that hides is faint."""
-    box = found_box(field)
-    if box is None or not settings.show_box:
+    box = found_box(field) if settings.show_box else None
+    if box is None:
         return
-    depth = radiance.depth_image()
-    camera, lines = controls.camera, imgui.get_background_draw_list()
-    for points in box_edges(box):
-        pixels, away = project(camera, points)
-        surface = np.full(len(points), np.inf)
-        if depth is not None:
-            surface = depth_at(depth, camera, np.nan_to_num(pixels, nan=-1.0))
-        seen = away <= surface
-        places = pixels / controls.ratio
-        for (start, end), is_seen in zip(pairwise(places), seen, strict=False):
+    depth, camera = radiance.depth_image(), controls.camera
+    pixels, away = project(camera, box_edges(box).reshape(-1, 3))
+    surface = np.inf
+    if depth is not None:
+        surface = depth_at(depth, camera, np.nan_to_num(pixels, nan=-1.0))
+    colors = np.where(away <= surface, LINE(SEEN), LINE(HIDDEN)).reshape(len(EDGES), -1)
+    places = pixels.reshape(len(EDGES), -1, 2) / controls.ratio
+    lines = imgui.get_background_draw_list()
+    for edge, shades in zip(places, colors.tolist(), strict=True):
+        for (start, end), shade in zip(pairwise(edge), shades, strict=False):
             if np.isfinite([start, end]).all():
-                lines.add_line(tuple(start), tuple(end), LINE(SEEN if is_seen else HIDDEN), 1.0)
+                lines.add_line(tuple(start), tuple(end), shade, 1.0)
 
 
 def frame_overlay(frame) -> None:

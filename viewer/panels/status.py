@@ -28,7 +28,8 @@ def status_line(controls, scene, handles, times, radiance, fly, takes, recorder,
     if end > corner.x:
         low = corner.x + min(size.x, end - corner.x), corner.y + size.y
         imgui.internal.render_text_ellipsis(lines, corner, low, end, hint, size)
-    imgui.set_cursor_pos_x(max(whole - width - BETWEEN, 0.0))
+    imgui.dummy((1.0, size.y))
+    imgui.same_line(max(whole - width - BETWEEN, 1.0))
     imgui.text_disabled(right)
 
 

@@ -26,19 +26,20 @@ def _size():
 def tool_strip(controls, actions) -> None:
     """Draw it into the window that is being built."""
     imgui.push_style_var(imgui.StyleVar_.item_spacing.value, (GAP, GAP))
+    size = _size()
     for number, group in enumerate(GROUPS):
         if number:
             imgui.spacing()
             imgui.separator()
             imgui.spacing()
         for name in group:
-            _button(controls, actions, controls.tools[name])
+            _button(controls, actions, controls.tools[name], size)
     imgui.pop_style_var()
 
 
-def _button(controls, actions, tool):
+def _button(controls, actions, tool, size):
     action = ACTIONS.get(tool.name, tool.name.replace(" ", "_"))
-    size, corner = _size(), imgui.get_cursor_screen_pos()
+    corner = imgui.get_cursor_screen_pos()
     with highlighted(controls.tool is tool):
         if imgui.button(f"##{tool.name}", size):
             actions.call(action)
