@@ -10,15 +10,16 @@ Blender's keys.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 from ..parts import call
 from ..settings import KEYS
 from ..tools import ALT, CTRL, OTHER_NAMES, SHIFT
 
-SECTIONS = (  # of the help: menus, but for the first two
-    *("Mouse", "While dragging", "File", "Edit", "Select", "View"),
-    *("Rig", "Animate", "Film", "Help"),
+SECTIONS = (  # of the help: tasks, and what belongs to all of them
+    *("Mouse", "While dragging", "Bend", "Rig", "Animate", "Film", "View", "File", "Help"),
 )
+EXPORT = "File/Export"  # whose items say what; elsewhere "Export" is told, too
 LABELS = {  # of keys, where they aren't their names
     **{"ESCAPE": "Esc", "BRACKETLEFT": "[", "BRACKETRIGHT": "]", "BACKSLASH": "\\"},
     **{"PERIOD": ".", "PAGEUP": "Page Up", "PAGEDOWN": "Page Down"},
@@ -36,11 +37,14 @@ class Input:
     menu: str = ""  # where it is in the menus, as in "Edit/Undo"; "Edit/-Pin": under a line
     blender: str | None = None  # the key with Blender's keys, if another; empty: none
     only: str = ""  # the one of KEYS that has the gesture, if not all
+    stop: str = ""  # its title while it is on, instead of a mark in the menu
 
     @property
     def title(self) -> str:
-        """What the menus call it; else what it does."""
-        return self.menu.rpartition("/")[2].removeprefix("-") or self.help
+        """What menus, buttons and the search call it; else what it does."""
+        menu, _, last = self.menu.rpartition("/")
+        last = last.removeprefix("-")
+        return f"Export {last[0].lower()}{last[1:]}" if menu == EXPORT else last or self.help
 
 
 @dataclass(frozen=True)
@@ -63,11 +67,11 @@ ACTIONS: dict[str, Action] = {}  # by name
 INPUTS: list[Input] = []  # in the order of the menus and of the help
 
 
-def action(help, key="", menu="", blender=None, name="", on=None):
+def action(help, key="", menu="", blender=None, name="", on=None, stop=""):
     """Mark a function as an action.
 
     Args:
-        help, key, menu, blender: As an Input has them.
+        help, key, menu, blender, stop: As an Input has them.
         name: By which it is called, if not the function's.
         on: A function of parts: whether it is on.
     """
@@ -77,37 +81,37 @@ def action(help, key="", menu="", blender=None, name="", on=None):
         if called in ACTIONS:
             raise ValueError(f"there are two actions {called}")
         ACTIONS[called] = Action(function, on)
-        INPUTS.append(Input(label_of_key(key), help, key, called, menu, blender))
+        INPUTS.append(Input(label_of_key(key), help, key, called, menu, blender, stop=stop))
         return function
 
     return decorate
 
 
-def toggle(setting, help, key="", menu="", blender=None, name=""):
-    """Make an action that switches one of the Settings on or off."""
-
-    def switch(settings):
-        setattr(settings, setting, not getattr(settings, setting))
-
-    def is_on(settings):
-        return getattr(settings, setting)
-
-    action(help, key, menu, blender, name or f"toggle_{setting.removeprefix('show_')}", is_on)(
-        switch
-    )
-
-
-def choice(setting, value, help, key="", menu="", name="", otherwise=None):
+def choice(setting, value, help, key="", menu="", blender=None, name="", otherwise=None):
     """Make an action that gives one of the Settings a value; or another one, if it has that."""
 
+    is_on = has(setting, value)
+
     def choose(settings):
-        has_it = otherwise is not None and getattr(settings, setting) == value
-        setattr(settings, setting, otherwise if has_it else value)
+        other = otherwise is not None and is_on(settings)
+        setattr(settings, setting, otherwise if other else value)
+
+    action(help, key, menu, blender, name, is_on)(choose)
+
+
+def has(setting, value):
+    """A function of settings: whether one of them has this value."""
 
     def is_on(settings):
         return getattr(settings, setting) == value
 
-    action(help, key, menu, None, name, is_on)(choose)
+    return is_on
+
+
+def toggle(setting, help, key="", menu="", blender=None, name=""):
+    """Make an action that switches one of the Settings on or off."""
+    name = name or f"toggle_{setting.removeprefix('show_')}"
+    choice(setting, True, help, key, menu, blender, name, otherwise=False)
 
 
 def gesture(label, help, only="") -> None:
@@ -130,7 +134,8 @@ def section_of(entry: Input) -> str:
     """The one of SECTIONS in which the help has an input."""
     if not entry.action:
         return "Mouse"
-    return entry.menu.partition("/")[0] or "While dragging"
+    menu = entry.menu.partition("/")[0] or "While dragging"
+    return "Bend" if menu in ("Edit", "Select") else menu
 
 
 def action_of(key: str, modifiers: int = 0, keys: str = "deformrf") -> str | None:
@@ -146,33 +151,22 @@ def action_of(key: str, modifiers: int = 0, keys: str = "deformrf") -> str | Non
     return actions.get(key) if found is None and not ctrl else found
 
 
-def label_of(name: str, keys: str) -> str:
-    """The key that calls an action, as shown to the user; empty if it has none."""
-    return _table(keys)[2][name].label
-
-
 def input_of(name: str, keys: str) -> Input:
     """The key, place and help of an action."""
     return _table(keys)[2][name]
 
 
-_TABLES = {}  # of each of KEYS, once all actions are marked: inputs, actions by key, inputs by name
-
-
+@cache
 def _table(keys):
-    if keys not in _TABLES:
-        inputs = tuple(_with_keys(keys))
-        by_key = {entry.key: entry.action for entry in inputs if entry.key}
-        _TABLES[keys] = inputs, by_key, {e.action: e for e in inputs if e.action}
-    return _TABLES[keys]
-
-
-def _with_keys(keys):
-    """INPUTS as they are with one of KEYS."""
+    """Inputs, actions by key, and inputs by action; once all actions are marked."""
     if keys not in KEYS:
         raise ValueError(f"there are no keys {keys!r}")
-    for entry in INPUTS:
-        if entry.only in ("", keys):
-            other = keys == "blender" and entry.blender is not None
-            label = label_of_key(entry.blender) if other else entry.label
-            yield replace(entry, key=entry.blender, label=label) if other else entry
+    inputs = tuple(
+        replace(one, key=one.blender, label=label_of_key(one.blender))
+        if keys == "blender" and one.blender is not None
+        else one
+        for one in INPUTS
+        if one.only in ("", keys)
+    )
+    by_key = {one.key: one.action for one in inputs if one.key}
+    return inputs, by_key, {one.action: one for one in inputs if one.action}

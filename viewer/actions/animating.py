@@ -3,39 +3,29 @@
 from functools import partial
 
 from ..camera import values_of
-from ..document import TICKS_PER_SECOND, as_time, clean_name
+from ..document import TICKS_PER_SECOND, as_time
 from .action import action, toggle
+from .bones import done, free_name
 
 NO_KEYS = "there are no keys yet: K sets one at the playhead"
 
 toggle("show_timeline", "timeline", "SHIFT+T", "Animate/Timeline")
 
 
-def _done(say, edit, *arguments) -> bool:
-    """Make an edit, or say why not: there are too many keys or poses."""
-    try:
-        edit(*arguments)
-    except ValueError as error:
-        say(str(error))
-        return False
-    return True
-
-
 def _key(camera, pose, timeline, viewpoint, settings, say):
     """Key camera and pose at the playhead, or one of them."""
     tick = timeline.head
     orbit = values_of(viewpoint.orbit) if camera else None
-    if not _done(say, timeline.key, tick, orbit, pose):
-        return
-    settings.show_timeline = True
-    kept = " and ".join(["camera"] * camera + ["pose"] * pose)
-    say(f"key of {kept} at {as_time(tick)}")
+    if done(say, timeline.key, tick, orbit, pose):
+        settings.show_timeline = True
+        kept = " and ".join(["camera"] * camera + ["pose"] * pose)
+        say(f"key of {kept} at {as_time(tick)}")
 
 
 for _name, _what, _key_name, _menu, _help in (
-    ("key", (True, True), "K", "-Key", "key camera and pose at the playhead"),
-    ("key_camera", (True, False), "CTRL+K", "Key the camera", "key the camera"),
-    ("key_pose", (False, True), "SHIFT+K", "Key the pose", "key the pose"),
+    ("key", (True, True), "K", "-Key both", "key camera and pose at the playhead"),
+    ("key_camera", (True, False), "CTRL+K", "Key camera", "key the camera alone"),
+    ("key_pose", (False, True), "SHIFT+K", "Key pose", "key the pose alone"),
 ):
     action(_help, _key_name, f"Animate/{_menu}", name=_name)(partial(_key, *_what))
 
@@ -43,6 +33,7 @@ for _name, _what, _key_name, _menu, _help in (
 @action(
     *("play the timeline, or stop", "ENTER", "Animate/-Play"),
     on=lambda timeline: timeline.playing,
+    stop="Stop",
 )
 def play(timeline, controls, say):
     if timeline.playing:
@@ -69,7 +60,6 @@ action("key before", "PAGEUP", "Animate/Key before", name="previous_key")(partia
 
 @action("delete the chosen key; while joints are placed, the joint", "DELETE", "Animate/Delete key")
 def delete_key(timeline, strip, settings, controls, say):
-    """Delete the chosen key; while joints are placed, the chosen joint."""
     if settings.tool == "joints":
         controls.cancel()
         if not controls.bones.delete():
@@ -81,15 +71,15 @@ def delete_key(timeline, strip, settings, controls, say):
         strip.selected = None
 
 
-@action("copy a key to the playhead", "CTRL+D", "Animate/Copy key")
+@action("copy the chosen key to the playhead", "CTRL+D", "Animate/Copy key")
 def copy_key(timeline, strip, say):
     chosen = strip.chosen(timeline)
     if chosen is not None and chosen[1] != timeline.head:
-        if _done(say, timeline.copy_key, *chosen, timeline.head):
+        if done(say, timeline.copy_key, *chosen, timeline.head):
             strip.selected = chosen[0], timeline.head
 
 
-@action("turn around the object", "SHIFT+O", "Animate/-Turntable")
+@action("camera keys around what it looks at, in a loop", "SHIFT+O", "Animate/-Turntable")
 def turntable(timeline, strip, viewpoint, settings, controls):
     ticks = round(strip.turn_seconds * TICKS_PER_SECOND)
     controls.cancel()
@@ -97,13 +87,11 @@ def turntable(timeline, strip, viewpoint, settings, controls):
     settings.show_timeline = True
 
 
-@action("save the pose, to blend it", menu="Animate/Save pose")
+@action("save the pose, to blend it with others", menu="Animate/Save pose")
 def save_pose(timeline, strip, say):
     """Save the pose under the name that was typed, or the next number."""
-    typed = clean_name(strip.pose_name)
     taken = {pose.name for pose in timeline.poses}
-    numbers = (f"pose {n}" for n in range(1, len(taken) + 2))
-    _done(say, timeline.save_pose, typed or next(one for one in numbers if one not in taken))
+    done(say, timeline.save_pose, free_name(strip.pose_name, "pose", taken))
     strip.pose_name = ""
 
 

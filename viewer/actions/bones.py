@@ -10,15 +10,33 @@ NO_CLIPS = "there are no clips: key poses of bones on the timeline, and save the
 tool(
     *("joints", "place joints: click on the object; each goes on from the chosen one", "J"),
     "Rig/Place joints",
+    stop="Stop placing",
 )
 tool(
     "bones",
     "animate: drag a bone to turn it, its tip to reach, a root's head to move all",
     *("A", "Rig/Pose bones", "CTRL+TAB"),
+    stop="Stop posing",
 )
 
 
-@action("bones at rest", "SHIFT+A", "Rig/Bones at rest", "ALT+R")
+def done(say, edit, *arguments) -> bool:
+    """Make an edit, or say why not: there are too many of them, or a name is taken."""
+    try:
+        edit(*arguments)
+    except ValueError as error:
+        say(str(error))
+        return False
+    return True
+
+
+def free_name(typed: str, kind: str, taken) -> str:
+    """The name that was typed, else "KIND 1" or the next number that is free."""
+    numbers = (f"{kind} {n}" for n in range(1, len(taken) + 2))
+    return clean_name(typed) or next(one for one in numbers if one not in taken)
+
+
+@action("bring all bones to rest", "SHIFT+A", "Rig/All bones at rest", "ALT+R")
 def rest_bones(rigging, posing, controls, say):
     if rigging.skeleton is None:
         say(NO_BONES)
@@ -27,15 +45,10 @@ def rest_bones(rigging, posing, controls, say):
     posing.rest_bones(list(range(rigging.bone_count)))
 
 
-def rest_bone(rigging, posing) -> None:
-    """Bring the chosen bone to rest."""
-    if rigging.chosen_bone is not None:
-        posing.rest_bones([rigging.chosen_bone])
-
-
 @action(
     *("play the chosen clip, or stop", "SHIFT+ENTER", "Rig/-Play"),
     on=lambda posing: posing.playing,
+    stop="Stop",
 )
 def play_clip(posing, controls, say):
     if posing.playing:
@@ -52,28 +65,20 @@ def loop_clip(posing):
     posing.loop_clip(not posing.loop)
 
 
-@action("a clip of the timeline's poses of bones", "SHIFT+C", "Rig/Clip")
+@action(
+    "make a clip of the timeline's poses of bones, with their times", "SHIFT+C", "Rig/Save clip"
+)
 def save_clip(rigging, strip, say):
-    """Make a clip of the timeline's poses, under the name that was typed or the next number."""
-    taken = {clip.name for clip in rigging.clips}
-    numbers = (f"clip {n}" for n in range(1, len(taken) + 2))
-    typed = clean_name(strip.clip_name)
-    name = typed or next(one for one in numbers if one not in taken)
-    try:
-        rigging.save_clip(name)
-    except ValueError as error:  # the keys are not of these bones
-        say(str(error))
-        return
-    strip.clip_name = ""
-    say(f"the timeline's poses are the clip {name!r}")
+    """Make the clip under the name that was typed, or the next number."""
+    name = free_name(strip.clip_name, "clip", {clip.name for clip in rigging.clips})
+    if done(say, rigging.save_clip, name):  # else the keys are not of these bones
+        strip.clip_name = ""
+        say(f"the timeline's poses are the clip {name!r}")
 
 
 def name_bone(rigging, say, bone: int, typed: str) -> None:
-    """Give a bone another name, unless it can't have it."""
-    try:
-        rigging.name_bone(bone, clean_name(typed))
-    except ValueError as error:  # another one has it, or it is empty
-        say(str(error))
+    """Give a bone another name, unless another one has it, or it is empty."""
+    done(say, rigging.name_bone, bone, clean_name(typed))
 
 
 def bone_line(rigging) -> str:

@@ -2,9 +2,9 @@
 
 from functools import partial
 
-from ..settings import GIZMOS
+from ..settings import GIZMOS, OF_BONES
 from ..tools import KINDS, MOVE, SCALE, TURN, said
-from .action import action, choice, gesture, toggle
+from .action import action, choice, gesture, has, toggle
 
 gesture("left drag on a red point", "bend the object; all that is selected goes along")
 gesture("left drag on the object", "bend it there (Alt: orbit)")
@@ -15,7 +15,7 @@ gesture("Ctrl+click on a red point", "select it no longer")
 gesture("double click on the object", "a new red point there")
 gesture("click on a gray pin", "free it")
 gesture("wheel while dragging", "take more or less along")
-gesture("click on a golden point", "let it go: it was left there in Pose")
+gesture("click on a golden point", "let it go; a drag has left it there")
 
 
 @action("undo", "CTRL+Z", "Edit/Undo")
@@ -36,27 +36,26 @@ def pin(controls):
 
 
 @action(
-    "Pose: what is let go stays; or Physics: it swings back",
-    "N",
-    "Edit/Pose",
-    on=lambda settings: settings.hand == "pose",
+    "what a drag lets go stays there, as a golden point; or it springs back",
+    *("N", "Edit/Stays when let go"),
+    on=has("hand", "pose"),
 )
 def pose(handles, settings):
     handles.choose_hand("physics" if settings.hand == "pose" else "pose")
 
 
-@action("rest here: return to this pose from now on", "T", "Edit/Rest here")
+@action("it returns to this shape from now on", "T", "Edit/Make this its shape")
 def rest_here(body, say):
     if not body.rest_here():
         say("a tangled pose can't be the one to return to")
 
 
-@action("return to the shape before", "CTRL+T", "Edit/Return to the shape before")
+@action("it returns to the shape that it had before", "CTRL+T", "Edit/Shape before")
 def undo_rest_here(body):
     body.undo_rest_here()
 
 
-@action("reset the deformation; pins come back", "R", "Edit/Reset", "ALT+G")
+@action("back to how it was at rest, with its pins", "R", "Edit/Original shape", "ALT+G")
 def reset(controls):
     controls.reset()
 
@@ -71,69 +70,70 @@ def _turn_into(kind, controls, fly, gui):
     controls.turn_into(kind)
 
 
-def _begin(kind, help, key, menu, blender=None):
-    """Make the action that moves, turns or scales what is held or chosen."""
-    action(help, key, menu, blender, kind)(partial(_turn_into, kind))
+for _kind, _help, _key, _menu, _blender in (
+    (MOVE, "move what is selected; a click or Enter ends it", "", "-Drag/Move", "G"),
+    (TURN, "turn it; while dragging: instead, or move again", "E", "Drag/Turn", "R"),
+    (SCALE, "scale, likewise", "S", "Drag/Scale", None),
+):
+    action(_help, _key, f"Edit/{_menu}", _blender, _kind)(partial(_turn_into, _kind))
 
 
-_begin(MOVE, "move what is selected; a click or Enter ends it", "", "Edit/-Drag/Move", "G")
-_begin(TURN, "turn it; while dragging: instead, or move again", "E", "Edit/Drag/Turn", "R")
-_begin(SCALE, "scale, likewise", "S", "Edit/Drag/Scale")
+def _hold(axis, across, controls):
+    """Hold the drag in progress to an axis, or to the plane across it."""
+    controls.along(axis, across)
 
 
-def _hold(axis):
-    """Make the actions that hold the drag in progress to an axis, and to the plane across it."""
-    name = "xyz"[axis]
-    along = (
-        "while dragging: along x, along its own x, or freely again"
-        if axis == 0
-        else (f"along {name}")
+for _axis, _letter in enumerate("xyz"):
+    _help = f"along {_letter}" if _axis else "while dragging: along x, its own x, or freely again"
+    action(_help, _letter.upper(), name=f"along_{_letter}")(partial(_hold, _axis, False))
+    action(f"in the plane across {_letter}", f"SHIFT+{_letter.upper()}", name=f"across_{_letter}")(
+        partial(_hold, _axis, True)
     )
-    action(along, name.upper(), name=f"along_{name}")(lambda controls: controls.along(axis))
-    across = f"in the plane across {name}"
-    action(across, f"SHIFT+{name.upper()}", name=f"across_{name}")(
-        lambda controls: controls.along(axis, True)
-    )
-
-
-for _axis in range(3):
-    _hold(_axis)
 
 gesture("0 to 9, -, .", "while dragging: by how much; Enter or a click: done")
 
 
-@action("the gizmo moves, turns, scales, or is off", "Q", "Edit/Gizmo/Next")
+@action(
+    "the gizmo moves, turns or scales by its arrows, rings or boxes, or is off",
+    *("Q", "Edit/Gizmo/Next"),
+)
 def next_gizmo(settings, say):
     settings.gizmo = GIZMOS[(GIZMOS.index(settings.gizmo) + 1) % len(GIZMOS)]
     say(f"gizmo: {settings.gizmo}")
 
 
 for _kind in KINDS:
-    _title = _kind.capitalize()
     choice(
         *("gizmo", _kind, f"it {_kind}s what is selected"),
-        menu=f"Edit/Gizmo/{_title}",
+        menu=f"Edit/Gizmo/{_kind.capitalize()}",
         name=f"gizmo_{_kind}",
     )
 choice("gizmo", "off", "nothing but the mouse", menu="Edit/Gizmo/Off", name="gizmo_off")
 toggle(
-    *("own_axes", "along the selection's own axes", "SHIFT+Q", "Edit/Gizmo/-Own axes"),
+    "own_axes",
+    "along the axes that the object has there now, or the bone's; while dragging: X, Y or Z twice",
+    *("SHIFT+Q", "Edit/Gizmo/-Its own axes"),
     name="own_axes",
 )
 
 # -- tools -------------------------------------------------------------------------------------
 
 
-def tool(tool, help, key="", menu="", blender=None, name=""):
-    """Make the action that takes a tool into the hand, or puts it away."""
+def tool(tool, help, key="", menu="", blender=None, name="", stop=""):
+    """Make the action that takes a tool into the hand, or puts it away.
 
-    def take(controls):
+    The panel goes along: it shows bones with a tool of bones, and not with another one.
+    """
+
+    def take(controls, settings):
         controls.take_tool("grab" if controls.tool.name == tool else tool)
+        if settings.tool in OF_BONES and settings.task != "animate":
+            settings.task = "rig"
+        elif settings.tool not in OF_BONES and settings.task == "rig":
+            settings.task = "bend"
 
-    def is_on(settings):
-        return settings.tool == tool
-
-    action(help, key, menu, blender, name or tool.replace(" ", "_"), is_on)(take)
+    name = name or tool.replace(" ", "_")
+    action(help, key, menu, blender, name, has("tool", tool), stop)(take)
 
 
 tool("grab", "bend: drag red points, or the object", menu="Edit/-Tool/Bend")
@@ -147,12 +147,12 @@ def clear_paint(body):
     body.clear_paint()
 
 
-tool("delete", "delete with a brush (Shift: all through)", "D", "Edit/Delete/Brush")
-tool("delete box", "in a box (Ctrl: around it)", "SHIFT+D", "Edit/Delete/Box")
-tool("delete lasso", "in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Lasso")
+tool("delete", "delete with a brush (Shift: all through)", "D", "Edit/Delete/Erase")
+tool("delete box", "delete in a box (Ctrl: around it)", "SHIFT+D", "Edit/Delete/Cut box")
+tool("delete lasso", "delete in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Cut out")
 
 
-@action("parts with less than 1 % of the matter", menu="Edit/Delete/-Specks")
+@action("delete parts with less than 1 % of the matter", menu="Edit/Delete/-Delete specks")
 def delete_specks(cuts, controls, say):
     controls.cancel()
     say(said(cuts, cuts.delete_specks))
@@ -161,12 +161,10 @@ def delete_specks(cuts, controls, say):
 # -- selection ---------------------------------------------------------------------------------
 
 tool(
-    "box",
-    "select in a box: left drag (Shift adds, Ctrl removes, both intersect)",
-    "B",
-    "Select/In a box",
+    *("box", "select in a box: left drag (Shift adds, Ctrl removes, both intersect)", "B"),
+    "Select/Select in a box",
 )
-tool("lasso", "select in a lasso", "L", "Select/In a lasso")
+tool("lasso", "select in a lasso", "L", "Select/Select in a lasso")
 
 
 @action("select all red points in sight", "CTRL+A", "Select/-All", "A")
@@ -194,12 +192,12 @@ def unhide(handles):
 # -- time --------------------------------------------------------------------------------------
 
 
-@action("pause, or go on", "SPACE", "Edit/-Pause", on=lambda clock: clock.paused)
+@action("pause, or go on", "SPACE", "Edit/-Pause", on=lambda clock: clock.paused, stop="Go on")
 def pause(clock):
     clock.paused = not clock.paused
 
 
-@action("single step", "PERIOD", "Edit/Single step")
+@action("one 60th of a second; it pauses", "PERIOD", "Edit/Single step")
 def single_step(clock):
     clock.single_step()
 

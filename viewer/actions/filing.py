@@ -1,8 +1,10 @@
 """Actions on files: what is opened, saved and exported."""
 
+from functools import partial
+
 from ...wings.rig import arrays_of
 from ..files import surface_of
-from .action import action, toggle
+from .action import action
 
 
 @action("begin anew with this model; what you did is kept", "CTRL+N", "File/New")
@@ -29,7 +31,7 @@ def save_as(opening, save_project):
 
 
 @action(
-    "write the model as it is: its stiffness and rig, without what was deleted",
+    "write the model with its stiffness, bones, weights and clips, without what was deleted",
     menu="File/Export/Model",
 )
 def save_model(body, cuts, field, rigging, recorder):
@@ -41,42 +43,29 @@ def save_model(body, cuts, field, rigging, recorder):
     recorder.save_model(cuts.smaller(factors, arrays))
 
 
-@action("write what was done as a session", menu="File/Export/Session")
+@action(
+    "write what was done as a session, of which deformrf render makes a film",
+    menu="File/Export/Session",
+)
 def save_session(save_session):
     save_session()
 
 
-@action("a picture of the view", "F2", "File/Export/Picture")
-def screenshot(recorder):
-    recorder.screenshot()
+def _export(ending, cuts, solver, radiance, field, recorder):
+    """Write the surface of the mesh in its pose."""
+    try:
+        surface = surface_of(cuts.tets, cuts.neighbours, solver.vertices.numpy())
+    except ValueError as error:
+        recorder.say(str(error))
+    else:
+        recorder.save_surface(radiance.colored(surface), ending, field.attribution)
 
 
-toggle(
-    "transparent_screenshots",
-    "pictures are of the field alone, with its opacity",
-    menu="File/Export/Transparent pictures",
-    name="toggle_transparent",
-)
-
-
-def _export(ending):
-    """Make the action that writes the surface of the mesh in its pose."""
-
-    def export(cuts, solver, radiance, field, recorder):
-        try:
-            surface = surface_of(cuts.tets, cuts.neighbours, solver.vertices.numpy())
-        except ValueError as error:
-            recorder.say(str(error))
-        else:
-            recorder.save_surface(radiance.colored(surface), ending, field.attribution)
-
-    kind = ending.removeprefix(".")
-    menu = f"File/Export/Mesh as {kind.upper()}"
-    action("the mesh in this pose", menu=menu, name=f"export_{kind}")(export)
-
-
-_export(".ply")
-_export(".obj")
+for _kind in ("ply", "obj"):
+    action(
+        *("the mesh in this pose", "", f"File/Export/Mesh as {_kind.upper()}"),
+        name=f"export_{_kind}",
+    )(partial(_export, f".{_kind}"))
 
 
 @action("quit", "CTRL+Q", "File/-Quit")

@@ -1,29 +1,30 @@
-"""Actions that record and film."""
+"""Actions that record, film and take pictures."""
 
-from .action import action
+from functools import partial
+
+from .action import action, toggle
 
 
 @action(
-    *("start or stop recording, for a film rendered in full", "F9", "Film/Record"),
+    "mark what you do from now on: a film of it is rendered afterwards, in full",
+    *("F9", "Film/Record what I do"),
     on=lambda takes: takes.recording,
+    stop="Stop recording",
 )
 def record(takes):
     takes.start_or_stop()
 
 
-@action("a film of the timeline, of what was recorded, or of a turn", "CTRL+F9", "Film/Film...")
-def save_film(takes):
-    takes.ask()
+def _ask(kind, takes):
+    takes.ask(kind)
 
 
-@action("a film of the timeline", menu="Film/Film the timeline...")
-def film_timeline(takes):
-    takes.ask("timeline")
-
-
-@action("a film of a turn around the object as it is", menu="Film/Film a turntable...")
-def film_turntable(takes):
-    takes.ask("turntable")
+for _name, _kind, _key, _menu, _of in (
+    ("save_film", "", "CTRL+F9", "Make a film", "the timeline, of what was recorded, or a turn"),
+    ("film_timeline", "timeline", "", "Film the timeline", "the timeline"),
+    ("film_turntable", "turntable", "", "Film a turntable", "a turn around the object as it is"),
+):
+    action(f"a film of {_of}", _key, f"Film/{_menu}...", name=_name)(partial(_ask, _kind))
 
 
 @action(
@@ -36,8 +37,33 @@ def frame_guide(takes):
 
 
 @action(
-    *("clip of the screen", "SHIFT+F9", "Film/-Record screen"),
+    "a video of the view as it shows, coarse while things move",
+    *("SHIFT+F9", "Film/-Record the screen"),
     on=lambda recorder: recorder.video is not None,
+    stop="Stop the clip",
 )
 def record_screen(recorder):
     recorder.start_or_stop()
+
+
+@action("a picture of the view, into the current folder", "F2", "Film/-Save a picture")
+def screenshot(recorder):
+    recorder.screenshot()
+
+
+toggle(
+    "transparent_screenshots",
+    "pictures are of the field alone, with its opacity",
+    menu="Film/Pictures without background",
+    name="toggle_transparent",
+)
+toggle(
+    "handles_in_clips",
+    "clips and pictures have red points and bones in them",
+    menu="Film/Red points in clips and pictures",
+)
+toggle(
+    "panel_in_screenshots",
+    "pictures are of the whole window",
+    menu="Film/Panels in pictures",
+)

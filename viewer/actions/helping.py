@@ -3,12 +3,12 @@
 from functools import partial
 
 from ..settings import KEYS
-from .action import action, toggle
+from .action import action, has, toggle
 
 
 @action("search all actions", "CTRL+F", "Help/Search...", "F3")
 def search(questions):
-    from .search import ActionSearch  # which looks at all actions
+    from .table import ActionSearch  # which looks at all actions
 
     questions.dialog = ActionSearch()
 
@@ -23,14 +23,10 @@ def _choose_keys(keys, settings, preferences, say):
     say(preferences.save() or f"keys: {KEYS[keys]}'s")
 
 
-def _has_keys(keys, settings):
-    return settings.keys == keys
-
-
 for _keys, _name in KEYS.items():
     action(
         f"the keys and the mouse are {_name}'s",
         menu=f"Help/{'-' * (_keys == 'deformrf')}Keys of {_name}",
         name=f"keys_{_keys}",
-        on=partial(_has_keys, _keys),
+        on=has("keys", _keys),
     )(partial(_choose_keys, _keys))

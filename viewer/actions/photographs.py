@@ -17,18 +17,22 @@ def line_of(photographs) -> str:
 
 
 def _jump(by, photographs, settings, viewpoint, controls, fly, center, say):
-    """Move the camera to another photograph's."""
+    """Move the camera to another photograph's; without a step, show it elsewhere, or not."""
+    where = settings.photograph
     if photographs is None:
         say(WITHOUT)
         return
-    try:
-        photographs.step(by)
-    except (OSError, ValueError) as error:  # a DatasetError is one
-        say(str(error))
-        return
-    where = "over" if settings.photograph == "hidden" else settings.photograph
+    if not by:
+        where = PHOTOGRAPHS[(PHOTOGRAPHS.index(where) + 1) % len(PHOTOGRAPHS)]
+    else:
+        where = "over" if where == "hidden" else where
+        try:
+            photographs.step(by)
+        except (OSError, ValueError) as error:  # a DatasetError is one
+            say(str(error))
+            return
     show_photograph(photographs, settings, viewpoint, controls, fly, center, where)
-    say(photographs.says())
+    say(photographs.says() if by else f"photograph: {where}")
 
 
 def show_photograph(photographs, settings, viewpoint, controls, fly, center, where: str) -> None:
@@ -44,22 +48,12 @@ def show_photograph(photographs, settings, viewpoint, controls, fly, center, whe
 for _name, _title, _key, _by, _help in (
     ("next_photograph", "Next", "BRACKETRIGHT", 1, "next photograph, from its camera"),
     ("previous_photograph", "Before", "BRACKETLEFT", -1, "photograph before"),
+    (
+        *("place_photograph", "Over, beside or hidden", "BACKSLASH", 0),
+        "photograph over the render, beside it, or hidden",
+    ),
 ):
     action(_help, _key, f"View/Photograph/{_title}", name=_name)(partial(_jump, _by))
-
-
-@action(
-    "photograph over the render, beside it, or hidden",
-    "BACKSLASH",
-    "View/Photograph/Over, beside or hidden",
-)
-def place_photograph(photographs, settings, viewpoint, controls, fly, center, say):
-    if photographs is None:
-        say(WITHOUT)
-        return
-    where = PHOTOGRAPHS[(PHOTOGRAPHS.index(settings.photograph) + 1) % len(PHOTOGRAPHS)]
-    show_photograph(photographs, settings, viewpoint, controls, fly, center, where)
-    say(f"photograph: {where}")
 
 
 def _places(controls, where):

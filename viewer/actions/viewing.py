@@ -8,9 +8,9 @@ import numpy as np
 
 from ...core.render import MODES
 from ..camera import pose_of, with_up
-from ..settings import PANEL_WIDTHS, SIDES, TASKS
+from ..settings import OF_BONES, PANEL_WIDTHS, TASKS
 from ..tools import found_box
-from .action import action, choice, gesture, toggle
+from .action import action, choice, gesture, has, toggle
 
 AXIS_VIEWS = {  # yaw and pitch [degrees], and the key
     "front": (0.0, 0.0, "_1"),
@@ -57,7 +57,7 @@ for _name, (_yaw, _pitch, _key) in AXIS_VIEWS.items():
 
 
 @action(
-    *("orthographic, or not", "_5", "View/Orthographic"),
+    *("parallel rays, or not: what is far away is as large", "_5", "View/Orthographic"),
     on=lambda viewpoint: viewpoint.orbit.parallel,
 )
 def toggle_parallel(viewpoint):
@@ -131,7 +131,7 @@ for _surface, _help, _key, _name in (
 
 @action(
     *("hide or show all points and pins", "H", "View/Vertices", "CTRL+H"),
-    on=lambda settings: settings.show_handles,
+    on=has("show_handles", True),
 )
 def toggle_handles(settings, handles):
     settings.show_handles = not settings.show_handles
@@ -143,8 +143,9 @@ toggle("show_bones", "hide or show bones", "SHIFT+H", "View/Bones")
 
 
 @action(
-    *("the ground with the object's shadow", "", "View/Ground"),
-    on=lambda settings: settings.show_ground,
+    "the ground with the object's shadow, where there is one and under what stands",
+    menu="View/Ground and shadow",
+    on=has("show_ground", True),
 )
 def toggle_ground(settings):
     settings.show_ground = settings.show_floor = not settings.show_ground
@@ -152,7 +153,7 @@ def toggle_ground(settings):
 
 @action(
     *("the box that training found around the object", "O", "View/Box"),
-    on=lambda settings: settings.show_box,
+    on=has("show_box", True),
 )
 def toggle_box(settings, field, say):
     settings.show_box = not settings.show_box
@@ -162,22 +163,32 @@ def toggle_box(settings, field, say):
 
 # -- panels ------------------------------------------------------------------------------------
 
+
+def _choose_task(task, settings, controls, rigging):
+    """Show the panel about a task, with its tool in the hand and its part of the window."""
+    settings.task = task
+    settings.show_timeline |= task == "animate"
+    with_bones = settings.tool in OF_BONES
+    if task == "rig" and not with_bones:
+        controls.take_tool("joints" if rigging.skeleton is None else "bones")
+    elif task == "bend" and with_bones:
+        controls.take_tool("grab")
+
+
 for _task in TASKS:
-    choice(
-        *("task", _task, f"the panel is about {_task}"),
-        menu=f"View/-Task/{_task.capitalize()}",
+    action(
+        *(f"the panel is about {_task}", "", f"View/-Task/{_task.capitalize()}"),
         name=f"task_{_task}",
-    )
+        on=has("task", _task),
+    )(partial(_choose_task, _task))
 toggle("show_panel", "hide or show the panel", "TAB", "View/Panel/Shown")
 
 
-@action(
-    "at the other side",
-    menu="View/Panel/On the right",
-    on=lambda settings: settings.panel_side == "right",
+choice(
+    *("panel_side", "right", "at the other side", "", "View/Panel/On the right"),
+    name="panel_side",
+    otherwise="left",
 )
-def panel_side(settings):
-    settings.panel_side = SIDES[1 - SIDES.index(settings.panel_side)]
 
 
 def _widen(by, settings):

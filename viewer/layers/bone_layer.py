@@ -10,9 +10,10 @@ from typing import Protocol
 import moderngl
 import numpy as np
 
+from ...core.field import TetField
 from ..camera import Orbit, pose_of
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
-from ..settings import Settings
+from ..settings import OF_BONES, Settings
 from . import gl
 from .handle_layer import SPHERE_FLOATS
 
@@ -23,6 +24,7 @@ JOINT_SIZE = 0.55  # of a handle's radius
 MOST_BONES = 1024
 BONE_FLOATS = 9  # head, tail, tint
 VERTICES = 24  # of a bone
+AWAY = 0.03  # object sizes: bones are drawn in an object that is no farther from them
 
 
 class DrawnRig(Protocol):
@@ -38,6 +40,8 @@ class DrawnPose(Protocol):
     """Where a pose has the bones."""
 
     ends: np.ndarray  # another array where they moved  [B, 2, 3]
+    drives: bool  # whether the bones move the object
+    shows_vertices: bool  # whether the pose is a clip's of vertices, not the bones'
 
 
 class WithBones(Protocol):
@@ -46,6 +50,9 @@ class WithBones(Protocol):
     settings: Settings
     orbit: Orbit
     handle_radius: float
+    field: TetField
+    positions: np.ndarray  # [V, 3]
+    size: float
     rigging: DrawnRig
     posing: DrawnPose
 
@@ -67,7 +74,7 @@ class BoneLayer:
 
     def draw(self, camera, clip_range, place=None) -> None:
         """Draw into the framebuffer in use; `place` is where a dragged joint would go.  [3]"""
-        if not self._drawn.settings.show_bones:
+        if not self._drawn.settings.show_bones or left_behind(self._drawn):
             return
         self._write(place)
         if not self._sphere_count:
@@ -108,6 +115,23 @@ class BoneLayer:
     def release(self) -> None:
         for one in (self._bones, self._buffer, self._spheres, self._sphere_buffer):
             one.release()
+
+
+def left_behind(drawn: WithBones) -> bool:
+    """Whether the object is elsewhere than its bones: a hand has bent it, or it has sprung back.
+
+    Bones drawn there would tell something wrong.  With a tool of bones in the hand they show in
+    any case: the object follows as soon as one takes one.
+    """
+    posing, skeleton = drawn.posing, drawn.rigging.skeleton
+    if skeleton is None or drawn.settings.tool in OF_BONES:
+        return False
+    if posing.drives:
+        return posing.shows_vertices
+    at_rest = np.stack([skeleton.heads, skeleton.tails], axis=1)
+    bent = abs(drawn.positions - drawn.field.mesh.rest_vertices).max(initial=0.0)
+    posed = abs(posing.ends - at_rest).max(initial=0.0)
+    return max(bent, posed) > AWAY * drawn.size
 
 
 def _far_first(orbit, places):

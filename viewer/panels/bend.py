@@ -8,19 +8,20 @@ from imgui_bundle import imgui
 from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP, Material
 from ..document import EARTH
 from ..layers import line_spacing
-from ..settings import DELETING, GRAB_RADII
-from .gizmo import gizmo_switch
+from ..settings import DELETING, GIZMOS, GRAB_RADII
 from .widgets import (
     LOGARITHMIC,
-    beside,
-    button,
+    action_box,
+    buttons,
     checkbox,
     combo,
     named,
     number_setting,
     section,
+    segments,
     setting,
     slider,
+    text_field,
 )
 
 YOUNG_MODULI = 1e3, 1e9  # Pa
@@ -33,14 +34,12 @@ YIELD_STRAINS = 0.0, 0.5
 AIR_DRAGS = 0.0, 10.0  # 1/s
 WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
-CUSTOM = "custom"  # the name of a material that is none of these
 PRICE = "what they took of each 60th of a second when the object moved last"
 HOLDS = "about the stiffness (Young's modulus) that the object has with these substeps"
 SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
 AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time"
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
 DAMPING = "how fast vibrations fade"
-
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 HELD_BY = {
     "pins": "its pins",
@@ -52,66 +51,96 @@ YIELD = "how far edges are strained before they stay so"
 AIR = "how fast it brakes what moves"
 TAKES = "how far around the mouse a drag takes the object along; the wheel does it, too"
 SOFT = "pull with springs, weaker towards the radius, instead of moving exactly"
+AMOUNTS = {  # by which the gizmo can move, turn or scale: an example, and the unit
+    "move": ("0.1", "in sizes of the object"),
+    "turn": ("45", "in degrees"),
+    "scale": ("1.5", "a factor"),
+}
+AMOUNT_WIDTH = 88.0  # points
+STEPS_SHOWN = 8  # of what was done
 
 
-def bend_panel(scene, clock, solver, body, cuts, handles, settings, controls, gui, times, actions):
+def bend_panel(
+    scene, clock, solver, body, cuts, handles, field, settings, controls, gui, times, actions
+):
     """What a beginner needs first; physics under *Advanced*."""
-    _time_buttons(clock, solver, actions)
+    buttons(actions, "pause", "reset")
+    imgui.same_line()
+    imgui.text_disabled(state_line(clock, solver))
     if section("Hand"):
-        number_setting("takes along", settings, "grab_radius", GRAB_RADII, "%.2f of it", 0, TAKES)
+        text = f"{100.0 * settings.grab_radius:.0f} %% of its size"
+        number_setting("takes along", settings, "grab_radius", GRAB_RADII, text, 0, TAKES)
         setting("grab anywhere", settings, "grab_anywhere", "on the object, not only at red points")
         imgui.same_line()
         setting("soft grip", settings, "soft_grab", SOFT)
-        gizmo_switch(settings, controls, gui, actions)
-        _selection(handles)
+        _gizmo(settings, controls, gui, actions)
+        _selection(handles, field.mesh.vertex_count)
         _tool_options(settings, cuts, body, actions)
     if section("Material"):
-        combo("material", name_of(body.material), [*MATERIALS, CUSTOM], partial(_choose, body))
+        combo("material", body.material, MATERIALS, lambda one: body.set_material(**vars(one)))
         text = f"{si(body.material.young_modulus)}Pa"
         _material_slider(
             body, "stiffness", "young_modulus", YOUNG_MODULI, text, LOGARITHMIC, "Young's modulus"
         )
-        _shape(body, actions)
+        buttons(actions, "rest_here", *["undo_rest_here"] * body.rests_elsewhere)
     if section("World"):
         _world(scene, body)
     if section("Advanced", is_open=False):
         _advanced(body, times, actions)
 
 
-def _choose(body, name):
-    if name != CUSTOM:
-        body.set_material(**vars(MATERIALS[name]))
+def _gizmo(settings, controls, gui, actions) -> None:
+    """What the gizmo does, and along which axes."""
+    words = {kind: kind.capitalize() for kind in GIZMOS}
+    told = actions.told("next_gizmo")
+    segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
+    imgui.same_line()
+    action_box(actions, "own_axes")
+    gizmo = controls.tool.gizmo
+    if gizmo is not None and imgui.tree_node("by numbers"):
+        _amount(controls, gui, gizmo.kind)
+        imgui.tree_pop()
 
 
-def _selection(handles):
+def _amount(controls, gui, kind):
+    """A number, and buttons that move, turn or scale by it."""
+    example, unit = AMOUNTS[kind]
+    gui.amount = text_field("##amount", gui.amount, example, AMOUNT_WIDTH)
+    imgui.set_item_tooltip(unit)
+    for axis, name in enumerate("xyz"):
+        imgui.same_line()
+        if imgui.button(f"{kind} {name}"):
+            controls.apply(gui.amount, axis)
+
+
+def _selection(handles, vertex_count):
     """What is held, selected or under the mouse; a name for one handle."""
-    imgui.text_disabled(vertex_line(handles))
-    imgui.set_item_tooltip("the id that --drag takes")
+    imgui.text_disabled(vertex_line(handles, vertex_count))
     if len(handles.selected) == 1:
         (handle,) = handles.selected
+        imgui.set_item_tooltip(f"deformrf view --drag takes it as {handle}")
         changed, text = imgui.input_text(named("name"), handles.names.get(handle, ""))
         if changed:
             handles.name(handle, text)
 
 
-def vertex_line(handles) -> str:
-    """Which vertex is held or under the mouse; a line in any case, or the panel would jump."""
-    if handles.grabbed is not None:
-        several = f" and {len(handles.grabbed.handles) - 1} more"
-        return f"holding {handles.title(handles.grabbed.handles[0])}" + several * (
-            len(handles.grabbed.handles) > 1
+def vertex_line(handles, vertex_count) -> str:
+    """What is held or under the mouse; a line in any case, or the panel would jump."""
+    grabbed = handles.grabbed
+    if grabbed is not None:
+        first, more = grabbed.handles[0], len(grabbed.handles) - 1
+        return f"holding {title_of(handles, first, vertex_count)}" + f" and {more} more" * (
+            more > 0
         )
     if handles.hover is not None:
-        return handles.title(handles.hover)
+        return title_of(handles, handles.hover, vertex_count)
     return f"{len(handles.selected)} selected" if handles.selected else "nothing under the mouse"
 
 
-def _time_buttons(clock, solver, actions):
-    button("Go on" if clock.paused else "Pause", actions, "pause")
-    imgui.same_line()
-    button("Original shape", actions, "reset", "back to how it was at rest, with its pins")
-    imgui.same_line()
-    imgui.text_disabled(state_line(clock, solver))
+def title_of(handles, handle, vertex_count) -> str:
+    """A handle's name; else its number among the vertices, or among the points in the object."""
+    number = handle - vertex_count
+    return handles.names.get(handle) or (f"vertex {handle}" if number < 0 else f"point {number}")
 
 
 def state_line(clock, solver) -> str:
@@ -124,11 +153,6 @@ def state_line(clock, solver) -> str:
     return "paused" if clock.paused else "moving" if clock.moving else "at rest"
 
 
-def name_of(material) -> str:
-    """The panel's name for a material."""
-    return next((name for name, preset in MATERIALS.items() if preset == material), CUSTOM)
-
-
 def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):
     def change(value):
         body.set_material(**{name: value})
@@ -136,33 +160,24 @@ def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):
     slider(label, getattr(body.material, name), bounds, text, change, flags, tooltip)
 
 
-def _shape(body, actions):
-    """What the object keeps of a pose."""
-    button("Make this its shape", actions, "rest_here", "it returns to this pose from now on")
-    if body.rests_elsewhere:
-        imgui.same_line()
-        button("Shape before", actions, "undo_rest_here", "return to the shape before")
-
-
 def _tool_options(settings, cuts, body, actions):
     """What belongs to the tools that delete, and that paint."""
-    if settings.tool in DELETING or cuts.some:
+    has_deleted = settings.tool in DELETING or cuts.some
+    if has_deleted:
         imgui.text_disabled(f"{int(cuts.kept.sum()):,} of {len(cuts.kept):,} tets are left")
-        button("Specks", actions, "delete_specks", "delete parts with less than 1 % of the matter")
-        beside("Save smaller model")
-        button("Save smaller model", actions, "save_model", "without what was deleted, here")
-    if body.factors is not None:
-        button("Even", actions, "clear_paint", "equally stiff")
-        imgui.same_line()
-        button("Save stiffness", actions, "save_model", "in a copy of the model, here")
+    painted = body.factors is not None
+    names = ["delete_specks"] * has_deleted + ["clear_paint"] * painted
+    if names:
+        buttons(actions, *names, "save_model")
 
 
 def _world(scene, body):
     """What the object is held by, and what it meets."""
     checkbox("foot held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
     imgui.same_line()
-    tooltip = f"under the object at rest; its lines are {line_spacing(body.meters):g} m apart"
-    checkbox("ground", scene.on_ground, scene.set_ground, tooltip)
+    apart = f"its lines are {line_spacing(body.meters):g} m apart"
+    tooltip = f"what the object can fall and lie on; {apart}"
+    checkbox("solid ground", scene.on_ground, scene.set_ground, tooltip)
     imgui.same_line()
     on = body.gravity > 0.0
     checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
@@ -172,15 +187,18 @@ def _world(scene, body):
 
 def _advanced(body, times, actions):
     """Physics: the rest of the material, the air, and the solver."""
-    button("Single step", actions, "single_step", "one 60th of a second; it pauses")
+    buttons(actions, "single_step")
     _material_slider(body, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f", 0, POISSON)
     if body.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
     _material_slider(body, "damping", "damping", DAMPINGS, "%.1f per s", 0, DAMPING)
     slider("size", body.meters, SIZES, "%.3g m", body.set_meters, LOGARITHMIC, SIZE)
     _yielding(body)
-    contact = partial(_set_contact, body)
-    checkbox("contact", body.solver.options.contact, contact, "it collides with itself")
+
+    def set_contact(on):
+        body.set_options(contact=on)
+
+    checkbox("contact", body.solver.options.contact, set_contact, "it collides with itself")
     slider("air drag", body.air_drag, AIR_DRAGS, "%.1f per s", body.set_air_drag, tooltip=AIR)
     if body.air_drag:
         slider("wind", body.wind, WINDS, "%.1f m/s", body.set_wind, tooltip="along x")
@@ -216,10 +234,6 @@ def _substeps(body, times):
     imgui.set_item_tooltip(HOLDS)
 
 
-def _set_contact(body, on):
-    body.set_options(contact=on)
-
-
 def si(value: float, digits: int = 3) -> str:
     """A number of so many digits with a prefix: 500000 -> '500 k'."""
     value = float(f"{value:.{digits}g}")
@@ -227,3 +241,23 @@ def si(value: float, digits: int = 3) -> str:
         if value >= factor:
             return f"{value / factor:.4g} {prefix}"
     return f"{value:.3g} "
+
+
+# -- what was done -----------------------------------------------------------------------------
+
+
+def history_panel(journal, actions):
+    """Undo, redo, and the session."""
+    buttons(actions, "undo", "redo", "save_session")
+    for line, undone in shown_steps(journal):
+        (imgui.text_disabled if undone else imgui.text)(line)
+
+
+def shown_steps(journal):
+    """The steps around the cursor: each one's line, and whether it is undone."""
+    count = len(journal.steps)
+    if not count:
+        return [("nothing was changed yet", True)]
+    first = max(min(journal.cursor - STEPS_SHOWN // 2, count - STEPS_SHOWN), 0)
+    numbers = range(first, min(first + STEPS_SHOWN, count))
+    return [(f"{n + 1}  {journal.steps[n].label}", n >= journal.cursor) for n in numbers]

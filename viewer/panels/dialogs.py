@@ -1,46 +1,62 @@
-"""The dialogs: the choice of a file, and what went wrong."""
+"""The questions in the middle: a file, an action, a training, what to do with what was done."""
 
+import os
+import time
 from pathlib import Path
 
 from imgui_bundle import imgui
 
+from ...core.base.paths import working_folder
 from ..actions import ActionSearch
 from ..files import FileDialog, Problem, readable
+from ..questions import FILM, TRAINING, WORK
 from ..training import TrainOffer
-from .offering import offer_panel
-from .search import search_window
 from .widgets import was_entered
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
+LEAVING_WIDTH = 460.0
+GO_ON = {FILM: ("Wait and quit", "wait for it"), WORK: ("Save and quit", "save")}
+WAYS = {imgui.Key.up_arrow: -1, imgui.Key.down_arrow: 1}
 
 
 def dialog_window(questions, begin_training, actions, settings) -> None:
     """Draw the dialog of a window; it is None once the user has answered."""
     width, dialog = min(WIDTH, imgui.get_io().display_size.x - 60.0), questions.dialog
+    imgui.push_text_wrap_pos(width)
+    imgui.text(readable(dialog.title))
     if isinstance(dialog, TrainOffer):
-        done = offer_panel(dialog, begin_training, width)
+        done = _offer(dialog, begin_training)
     elif isinstance(dialog, ActionSearch):
-        search_window(dialog, questions, actions, settings, width)
-        return
+        done = _search(dialog, settings.keys, width)
     else:
         done = {FileDialog: _choice, Problem: _problem}[type(dialog)](dialog, width)
+    imgui.pop_text_wrap_pos()
     if done:
         questions.dialog = None
+        if isinstance(dialog, ActionSearch):
+            actions.call(done)
+
+
+def _offer(offer, begin):
+    """Ask whether photographs shall be trained."""
+    for line in offer.lines():
+        imgui.text_wrapped(line)
+    if imgui.button("Train"):
+        begin()
+        return True
+    imgui.same_line()
+    return imgui.button("Not now")
 
 
 def _problem(problem, width):
-    imgui.text(readable(problem.title))
-    imgui.push_text_wrap_pos(width)
     imgui.text_wrapped(readable(problem.sentence))
     if problem.log_file is not None:
         imgui.text_disabled(readable(f"more in {problem.log_file}"))
-    imgui.pop_text_wrap_pos()
     return imgui.button("Close") or was_entered()
 
 
 def _choice(dialog, width):
     """Draw the folder's entries; returns whether the dialog is done."""
-    imgui.text(dialog.title)
     imgui.set_next_item_width(width)
     flags = imgui.InputTextFlags_  # what is typed after an error takes the place of the path
     flags = flags.enter_returns_true.value | flags.auto_select_all.value
@@ -49,8 +65,7 @@ def _choice(dialog, width):
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
     # Enter twice in slow frames: the field has the keys again some frames after the first one.
     done = (bool(entered) or was_entered()) and dialog.choose(dialog.typed())
-    height = min(LIST_HEIGHT, imgui.get_io().display_size.y - 150.0)
-    if imgui.begin_child("entries", (width, max(height, 60.0)), imgui.ChildFlags_.borders.value):
+    if imgui.begin_child("entries", _list_size(width), imgui.ChildFlags_.borders.value):
         if imgui.selectable("..", False)[0]:
             dialog.choose(Path(".."))
         for number, (name, is_folder) in enumerate(list(dialog.entries)):
@@ -67,3 +82,114 @@ def _choice(dialog, width):
         done = dialog.choose(dialog.typed()) or done
     imgui.same_line()
     return imgui.button("Cancel") or done
+
+
+def _list_size(width):
+    return width, max(min(LIST_HEIGHT, imgui.get_io().display_size.y - 150.0), 60.0)
+
+
+# -- the search over all actions ---------------------------------------------------------------
+
+
+def _search(search, keys, width):
+    """What is typed filters them; the name of the one that was chosen by Enter or a click."""
+    if imgui.is_window_appearing():
+        imgui.set_keyboard_focus_here()
+    imgui.set_next_item_width(width)
+    changed, search.text = imgui.input_text_with_hint("##search", "what to do", search.text)
+    found = search.found(keys)
+    if changed:
+        search.number = 0
+    for key, by in WAYS.items():
+        if imgui.is_key_pressed(key):
+            search.move(by, len(found))
+    entered = was_entered() and search.text.strip() and search.number < len(found)
+    chosen = found[search.number].action if entered else ""
+    if imgui.begin_child("found", _list_size(width)):
+        for number, entry in enumerate(found):
+            if _row(entry, number == search.number, width):
+                chosen = entry.action
+        if not found:
+            imgui.text_disabled("nothing is called so")
+    imgui.end_child()
+    imgui.text_disabled("Up, Down: choose; Enter: do it; Esc: back")
+    return chosen
+
+
+def _row(entry, is_chosen, width):
+    """Draw one action; whether it is clicked."""
+    clicked = imgui.selectable(f"{entry.title}##{entry.action}", is_chosen)[0]
+    if is_chosen and imgui.is_window_focused():
+        imgui.set_scroll_here_y()
+    menu = entry.menu.rpartition("/")[0].replace("/", " > ").replace("-", "")
+    for text, place in ((menu, 0.45), (entry.label, 0.8)):
+        imgui.same_line(place * width)
+        imgui.text_disabled(text)
+    return clicked
+
+
+# -- the end -----------------------------------------------------------------------------------
+
+
+def leaving_window(questions, takes, project) -> None:
+    """Ask about a film, training or work that no file has; Esc is to stay."""
+    leaving = questions.leaving
+    title, text = _loss(leaving, takes.job, project)
+    label, entered = GO_ON.get(leaving.about, ("", "")) if not leaving.waits else ("", "")
+    imgui.push_text_wrap_pos(LEAVING_WIDTH)
+    imgui.text(title)
+    imgui.text_wrapped(readable(text))
+    if leaving.problem:
+        imgui.text_wrapped(readable(leaving.problem))
+    imgui.text_disabled(f"Enter: {entered}; Esc: cancel" if label else "Esc: cancel")
+    imgui.pop_text_wrap_pos()
+    if label:
+        if imgui.button(label) or was_entered():
+            if leaving.about == WORK:
+                questions.save()
+            else:
+                leaving.waits = True
+        imgui.same_line()
+    lose = "Quit without saving" if leaving.about == WORK else "Stop it and quit"
+    if imgui.button(lose) and questions.leaving is not None:
+        questions.settle()
+    imgui.same_line()
+    if imgui.button("Cancel"):
+        questions.dismiss()
+
+
+def _loss(leaving, job, project):
+    """What would be lost, in a few words and in more."""
+    if leaving.about == TRAINING:
+        text = "If you quit, training stops, and what is done of it is written."
+        return "A model is being trained", text
+    if leaving.about == WORK:
+        where = f"a new project into {working_folder()}" if project is None else project
+        return "Save what you did?", f"No file has it yet. Save writes {where}."
+    done = "" if job is None or not job.count else f" ({job.frame} of {job.count} frames are done)"
+    when = "The window closes when it is ready" if leaving.waits else "It is not ready yet"
+    text = f"{when}{done}. A film that you stop is cut short, and its name says so."
+    return "A film is being rendered", text
+
+
+# -- a session that was left behind ------------------------------------------------------------
+
+
+def recovery_window(questions, opening, say):
+    """Offer to go on with it; `questions.left_behind` is its path until that is decided."""
+    path = questions.left_behind
+    minutes = (time.time() - path.stat().st_mtime) / 60.0 if os.path.exists(path) else 0.0
+    imgui.text("A session of this model was left behind.")
+    imgui.text_disabled(readable(f"{minutes:.0f} minutes ago; kept in {path}"))
+    if imgui.button("Go on with it") or was_entered():
+        opening.asked = path  # before the next frame: the window shows how far it is
+    imgui.same_line()
+    if imgui.button("Delete it"):
+        questions.left_behind = None
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            say(f"can't delete {path}: {error.strerror}")
+    imgui.same_line()
+    if imgui.button("Ask again next time"):
+        questions.left_behind = None

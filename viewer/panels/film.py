@@ -1,17 +1,23 @@
-"""The windows about films: what film to make, how far it is, and its frame over the view."""
-
-from functools import partial
+"""The task *Film*, and its windows: what film to make, how far it is, its frame over the view."""
 
 from imgui_bundle import imgui
 
 from ..files import readable
 from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECONDS
-from .widgets import checkbox, combo, named, sides, slider, text_field, was_entered
+from .widgets import (
+    action_box,
+    buttons,
+    choice_setting,
+    named,
+    number_setting,
+    setting,
+    sides,
+    text_field,
+    was_entered,
+)
 
 FILM_WIDTH = 340.0
 BUTTONS = 130.0  # points that the window takes besides what is chosen
-COLOR = imgui.get_color_u32
-SHADE, LINE = (0.0, 0.0, 0.0, 0.25), (1.0, 0.55, 0.1, 0.9)
 BLUR_TOOLTIP = """spreads the samples over half a frame's time;
 it needs 4 samples or more, and 16 look smooth"""
 SAMPLES_TOOLTIP = "rays a pixel: 16 make smooth edges, and take 16 times as long"
@@ -20,6 +26,29 @@ FORMS = {
     **{"1080x1080": ", square 1:1", "1080x1920": ", portrait 9:16"},
 }
 FOLDER_HINT = "the current folder"
+IN_PICTURES = "toggle_handles_in_clips", "toggle_panel_in_screenshots"  # boxes
+RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
+
+
+def filming_panel(takes, recorder, actions):
+    """Pictures, recordings, films."""
+    buttons(actions, "record", "save_film", "screenshot", "record_screen")
+    line, video = recording_line(takes, recorder), recorder.video
+    if line:
+        imgui.text_colored(RECORDING_RED, line)
+    if video:
+        told = f"{video.repeated_count} repeated, {video.dropped_count} left out"
+        imgui.text(f"{video.frame_count} frames, {told}")
+    for name in ("frame_guide", "toggle_transparent", *IN_PICTURES):
+        action_box(actions, name)
+
+
+def recording_line(takes, recorder) -> str:
+    """What is being recorded, and how long; empty if nothing."""
+    lines = [f"recording, {takes.seconds:.1f} s"] if takes.recording else []
+    if recorder.video:
+        lines.append(f"clip of the screen, {recorder.video.seconds:.1f} s")
+    return "; ".join(lines)
 
 
 def film_window(takes) -> None:
@@ -59,34 +88,27 @@ def _kinds(takes):
             choices.what = kind
         imgui.end_disabled()
     if choices.what == "turntable":
-        change = partial(setattr, choices, "turn_seconds")
-        slider("seconds a turn", choices.turn_seconds, TURN_SECONDS, "%.1f", change)
+        number_setting("seconds a turn", choices, "turn_seconds", TURN_SECONDS, "%.1f")
 
 
 def _picture(choices, window_size):
     """Its size, rate and looks."""
-
-    def change(name, convert=str):
-        return lambda value: setattr(choices, name, convert(value))
-
     sizes = {f"{size}{FORMS.get(size, '')}": size for size in SIZES}
-    shown = next(word for word, size in sizes.items() if size == choices.size)
-    combo("size", shown, sizes, lambda word: setattr(choices, "size", sizes[word]))
+    choice_setting("size", choices, "size", sizes)
     if choices.size == FREE:
-        sides("width, height", choices.free_size, partial(setattr, choices, "free_size"))
+        sides("width, height", choices, "free_size")
     imgui.text_disabled(choices.size_line(window_size))
-    combo("frames a second", str(choices.fps), map(str, RATES), change("fps", int))
-    counts = map(str, SAMPLE_COUNTS)
-    combo("samples", str(choices.samples), counts, change("samples", int), SAMPLES_TOOLTIP)
-    combo("format", choices.format, FORMATS, change("format"))
+    choice_setting("frames a second", choices, "fps", RATES)
+    choice_setting("samples", choices, "samples", SAMPLE_COUNTS, SAMPLES_TOOLTIP)
+    choice_setting("format", choices, "format", list(FORMATS))
     imgui.begin_disabled(choices.samples == 1)
-    checkbox("motion blur", choices.blur, partial(setattr, choices, "blur"), BLUR_TOOLTIP)
+    setting("motion blur", choices, "blur", BLUR_TOOLTIP)
     imgui.end_disabled()
     imgui.same_line()
     imgui.begin_disabled(not choices.can_be_transparent)
-    checkbox("transparent", choices.transparent, partial(setattr, choices, "transparent"))
+    setting("transparent", choices, "transparent")
     imgui.end_disabled()
-    checkbox("red points and bones in it", choices.handles, partial(setattr, choices, "handles"))
+    setting("red points and bones in it", choices, "handles")
 
 
 def _file(choices, problem):
@@ -112,23 +134,3 @@ def progress_window(takes) -> None:
         imgui.same_line()
     if imgui.small_button("End it here"):
         job.stop()
-
-
-def frame_overlay(frame) -> None:
-    """Draw what a film shows of the view, and shade the rest.
-
-    Args:
-        frame: Left, top, width and height [points]: film_frame.
-    """
-    left, top, width, height = frame
-    right, bottom, size = left + width, top + height, imgui.get_io().display_size
-    lines = imgui.get_background_draw_list()
-    for low, high in (
-        ((0.0, 0.0), (size.x, top)),
-        ((0.0, bottom), (size.x, size.y)),
-        ((0.0, top), (left, bottom)),
-        ((right, top), (size.x, bottom)),
-    ):
-        if low[0] < high[0] and low[1] < high[1]:
-            lines.add_rect_filled(low, high, COLOR(SHADE))
-    lines.add_rect((left, top), (right, bottom), COLOR(LINE))

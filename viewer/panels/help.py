@@ -1,11 +1,9 @@
-"""The help: all gestures and keys, in the sections of the menus, with a field that filters them."""
-
-from itertools import groupby
+"""The help: all gestures and keys by tasks, that of the panel first; a field filters them."""
 
 from imgui_bundle import imgui
 
-from ..actions import SECTIONS, inputs_of, section_of
-from .widgets import text_field
+from ..actions import SECTIONS, inputs_of, section_of, told_of
+from .widgets import section, text_field
 
 WIDTH, HEIGHT = 620.0, 520.0  # points, at most
 MARGIN = 30.0
@@ -25,23 +23,17 @@ def help_window(settings, gui) -> None:
     if imgui.button("Close"):
         settings.show_help = False
     gui.help_filter = text_field("##filter", gui.help_filter, "filter: a key, or what it does")
-    words = gui.help_filter.lower().split()
+    task = settings.task.capitalize()
+    entries = [one for one in inputs_of(settings.keys) if one.label]
+    found = [one for one in entries if told_of(one, gui.help_filter)]
     if imgui.begin_child("inputs"):
-        entries = [entry for entry in inputs_of(settings.keys) if entry.label]
-        for section, group in groupby(sorted(entries, key=_order), section_of):
-            shown = [one for one in group if all(w in _told(one) for w in words)]
-            if shown:
-                imgui.separator_text(section)
-                _table(section, shown)
+        for name in sorted(SECTIONS, key=lambda name: name != task):  # the others as they are
+            shown = [one for one in found if section_of(one) == name]
+            if shown and section(name):
+                _table(name, shown)
+        if not found:
+            imgui.text_disabled("nothing is called so")
     imgui.end_child()
-
-
-def _order(entry):
-    return SECTIONS.index(section_of(entry))
-
-
-def _told(entry):
-    return f"{entry.label} {entry.help} {entry.menu}".lower()
 
 
 def _table(name, entries):

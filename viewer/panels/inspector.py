@@ -6,15 +6,12 @@ from typing import NamedTuple
 from imgui_bundle import imgui
 
 from ..settings import TASKS
-from .bend import bend_panel
-from .camera import camera_panel, photographs_panel
-from .filming import filming_panel
-from .history import history_panel
-from .icons import icon
+from . import view
+from .bend import bend_panel, history_panel
+from .film import filming_panel
 from .rig import rig_panel
 from .timeline import animate_panel
-from .view import model_panel, picture_panel, speed_panel, window_panel
-from .widgets import highlighted, section
+from .widgets import highlighted, icon, section
 
 
 class TaskSection(NamedTuple):
@@ -32,21 +29,21 @@ SECTIONS = {
     "animate": (TaskSection("", animate_panel),),
     "film": (TaskSection("", filming_panel),),
     "view": (
-        TaskSection("Picture", picture_panel),
-        TaskSection("Camera", camera_panel),
-        TaskSection("Photographs", photographs_panel, needs="photographs"),
-        TaskSection("Window", window_panel, False),
-        TaskSection("Speed", speed_panel, False),
-        TaskSection("Model", model_panel),
+        TaskSection("Picture", view.picture_panel),
+        TaskSection("Camera", view.camera_panel),
+        TaskSection("Photographs", view.photographs_panel, needs="photographs"),
+        TaskSection("Window", view.window_panel, False),
+        TaskSection("Speed", view.speed_panel, False),
+        TaskSection("Model", view.model_panel),
     ),
 }
 LEAST_PADDING = 6.0  # points, beside a word in its button
 ICONS = dict(zip(TASKS, ("hand_pointer", "bone", "clock", "film", "eye"), strict=True))
 
 
-def inspector(settings, panels) -> None:
+def inspector(settings, panels, actions) -> None:
     """Draw the choice of the task, and its panel, into the window that is being built."""
-    _tasks(settings)
+    _tasks(settings, actions)
     imgui.separator()
     if imgui.begin_child("task"):
         imgui.set_scroll_x(0.0)  # Shift and the wheel would push it sideways
@@ -60,7 +57,7 @@ def inspector(settings, panels) -> None:
     imgui.end_child()
 
 
-def _tasks(settings):
+def _tasks(settings, actions):
     """A button for each of TASKS, as wide as its word asks; without words if they don't fit."""
     spacing, words = 2.0, [task.capitalize() for task in TASKS]
     widths = [imgui.calc_text_size(word).x for word in words]
@@ -73,6 +70,5 @@ def _tasks(settings):
         width = width + spare / len(TASKS) if fit else (sum(widths) + spare) / len(TASKS)
         with highlighted(settings.task == task):
             if imgui.button(f"{label}##{task}", (width, 0.0)):
-                settings.task = task
-                settings.show_timeline |= task == "animate"
+                actions.call(f"task_{task}")
         imgui.set_item_tooltip(word)

@@ -1,4 +1,8 @@
-"""The menu bar: made from the table of inputs, by their paths in the menus."""
+"""The menu bar: made from the table of inputs, by their paths in the menus.
+
+At its right are the search, the choice of keys while it is offered (once, at the first start: there
+it covers nothing), and the switch that says what becomes of what a hand lets go.
+"""
 
 from pathlib import Path
 
@@ -6,15 +10,19 @@ from imgui_bundle import imgui
 
 from ..actions import inputs_of
 from ..files import readable
-from ..settings import KEYS
-from .hand import hand_switch, switch_width
-from .icons import icon
-from .keys import keys_offer, offer_width, offers_keys
-from .widgets import button, icon_button
+from ..settings import HANDS, KEYS
+from .widgets import button, icon, segments
 
 BETWEEN = 16.0  # points between two groups at the right
 SEARCH_WIDTH = 150.0
 UNDO = {"rotate_left": "undo", "rotate_right": "redo"}  # icons, and what they call
+KEYS_TITLE, KEYS_CLOSE = "Keys:", "x"
+KEYS_LATER = "The menu Help has them, too"
+HAND_TITLE, HAND_WORDS = "When let go:", dict(zip(HANDS, ("springs back", "stays"), strict=True))
+HAND_TOLD = {
+    "physics": "What you let go swings back",
+    "pose": "What you let go stays where it is, golden; a click on it frees it",
+}
 LINE = "-"  # before a title, under which a line is drawn
 
 
@@ -48,19 +56,14 @@ TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 
 
 def menu_bar(settings, handles, actions, preferences, opening) -> None:
-    """Draw it along the window's upper edge.
-
-    At its right end what becomes of what is let go, with its title in a wide window; left of it,
-    where there is space beside the menus, the search and the choice of keys, while it is offered.
-    """
+    """Draw it along the window's upper edge: at the right what there is space for."""
     _items(TREES[settings.keys], actions, preferences, opening)
     for glyph, action in UNDO.items():
-        icon_button(glyph, actions, action)
+        button(actions, action, f"{icon(glyph)}##{action}")
     left = imgui.get_cursor_pos_x()
     end = imgui.get_window_width() - imgui.get_style().window_padding.x
     offered = offer_width() + BETWEEN if offers_keys(preferences, settings) else 0.0
-    beside = left + offered + SEARCH_WIDTH + BETWEEN
-    titled = end - switch_width(True) > beside
+    titled = end - switch_width(True) > left + offered + SEARCH_WIDTH + BETWEEN
     right = end - switch_width(titled)
     place = right - SEARCH_WIDTH - BETWEEN
     if place > left:
@@ -71,9 +74,66 @@ def menu_bar(settings, handles, actions, preferences, opening) -> None:
             imgui.same_line()
         imgui.set_cursor_pos_x(place)
         label = f"{icon('magnifying_glass')}  Search   {actions.label('search')}"
-        button(label, actions, "search", "all actions, by their names", SEARCH_WIDTH)
+        button(actions, "search", label, width=SEARCH_WIDTH)
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
     hand_switch(settings, handles, actions, titled)
+
+
+def switch_width(titled: bool) -> float:
+    """What the switch of the hand takes of a line [points]."""
+    style = imgui.get_style()
+    words = _width(HAND_WORDS.values(), 2.0 * style.frame_padding.x + 1.0)
+    return words + titled * _width([HAND_TITLE], style.item_spacing.x)
+
+
+def _width(words, beside):
+    """What words take of a line, each with so much beside it [points]."""
+    return sum(imgui.calc_text_size(word).x + beside for word in words)
+
+
+def hand_switch(settings, handles, actions, titled: bool) -> None:
+    """A button for each of HANDS: always in sight."""
+    if titled:
+        imgui.text_disabled(HAND_TITLE)
+        imgui.same_line()
+
+    def told(hand):
+        return actions.told("pose", HAND_TOLD[hand])
+
+    segments(HAND_WORDS, settings.hand, handles.choose_hand, told)
+
+
+# -- the choice of keys ------------------------------------------------------------------------
+
+
+def offers_keys(preferences, settings) -> bool:
+    """Whether the choice shows: preferences are kept, and it was neither made nor closed."""
+    return preferences.path is not None and not settings.has_chosen_keys
+
+
+def offer_width() -> float:
+    """What the choice takes of a line [points]."""
+    style, names = imgui.get_style(), [f"{name}'s" for name in KEYS.values()]
+    words = _width([KEYS_TITLE, KEYS_CLOSE, *names], style.item_spacing.x)
+    rings = len(KEYS) * (imgui.get_frame_height() + style.item_inner_spacing.x)
+    return words + rings + 2.0 * style.frame_padding.x
+
+
+def keys_offer(settings, actions) -> None:
+    """A button for each of KEYS, and one that leaves them as they are."""
+    imgui.text_disabled(KEYS_TITLE)
+    for keys, name in KEYS.items():
+        imgui.same_line()
+        if imgui.radio_button(f"{name}'s", settings.keys == keys):
+            actions.call(f"keys_{keys}")
+        imgui.set_item_tooltip(KEYS_LATER)
+    imgui.same_line()
+    if imgui.small_button(KEYS_CLOSE):
+        actions.call(f"keys_{settings.keys}")
+    imgui.set_item_tooltip(KEYS_LATER)
+
+
+# -- the menus ---------------------------------------------------------------------------------
 
 
 def _items(menu, actions, preferences, opening):
@@ -100,6 +160,8 @@ def recent_items(preferences, opening):
 
 
 def _item(title, entry, actions):
-    if imgui.menu_item_simple(title, entry.label, actions.is_on(entry.action)):
+    on = actions.is_on(entry.action)
+    title = entry.stop if on and entry.stop else title
+    if imgui.menu_item_simple(title, entry.label, on and not entry.stop):
         actions.call(entry.action)
     imgui.set_item_tooltip(entry.help)

@@ -1,19 +1,20 @@
-"""The task *Rig*: joints, bones, clips."""
+"""The task *Rig*: joints and bones; and, in the task *Animate*, their clips."""
 
 from functools import partial
 
 from imgui_bundle import imgui
 
 from ...wings.rig import METHODS
-from ..actions import bone_line, name_bone, rest_bone
+from ..actions import bone_line, name_bone
 from ..document import SPEEDS
 from .widgets import (
+    action_box,
     button,
-    checkbox,
+    buttons,
     combo,
+    delete_button,
     named,
     section,
-    setting,
     slider,
     text_field,
 )
@@ -24,48 +25,32 @@ SOFTNESS = """0: bones move all of the object;
 more: only what is near the bones, and the solver moves the rest"""
 SKINNING = "dual quaternion keeps the volume where bones twist"
 FADES = "while one plays, its pose fades into that of the next"
-SAVE_CLIP = "the timeline's poses of bones, with their times; Save a copy of the model keeps it"
-SAVE_COPY = "the model with its bones, weights and clips, here"
 
 
-def rig_panel(settings, rigging, posing, controls, actions, say):
-    _tools(settings, actions)
+def rig_panel(settings, rigging, posing, actions, say):
+    buttons(actions, "joints", "bones")
+    imgui.same_line()
+    action_box(actions, "toggle_bones")
     imgui.text_wrapped(bone_line(rigging))
     if rigging.skeleton is None:
         imgui.text_wrapped(NO_BONES)
         return
-    _bone(settings, rigging, posing, controls, actions, say)
-    if section("Skinning"):
-        slider("softness", posing.softness, (0.0, 1.0), "%.2f", posing.set_softness, 0, SOFTNESS)
-        combo("method", posing.method, METHODS, posing.set_skinning, SKINNING)
-        button("Save a copy of the model", actions, "save_model", SAVE_COPY)
-
-
-def _tools(settings, actions):
-    joints = "Stop placing" if settings.tool == "joints" else "Place joints"
-    button(joints, actions, "joints", "in the middle of what one clicks on")
-    imgui.same_line()
-    bones = "Stop posing" if settings.tool == "bones" else "Pose bones"
-    button(bones, actions, "bones", "drag bones, or their tips")
-    imgui.same_line()
-    setting("shown", settings, "show_bones", actions.with_key("toggle_bones"))
-
-
-def _bone(settings, rigging, posing, controls, actions, say):
     bone = rigging.chosen_bone
     if bone is not None:
         changed, text = imgui.input_text(named("bone"), rigging.skeleton.names[bone])
         if changed:
             name_bone(rigging, say, bone, text)
         if imgui.button("Bone at rest"):
-            rest_bone(rigging, posing)
+            posing.rest_bones([bone])
         imgui.same_line()
-    button("All at rest", actions, "rest_bones")
+    button(actions, "rest_bones")
     if bone is not None and settings.tool == "joints":
         imgui.same_line()
-        if imgui.button("Delete joint"):
-            controls.bones.delete()
-        imgui.set_item_tooltip(actions.with_key("delete_key"))
+        button(actions, "delete_key", "Delete joint")
+    if section("Skinning"):
+        slider("softness", posing.softness, (0.0, 1.0), "%.2f", posing.set_softness, 0, SOFTNESS)
+        combo("method", posing.method, METHODS, posing.set_skinning, SKINNING)
+        button(actions, "save_model")
 
 
 def _choose(posing, name):
@@ -78,25 +63,23 @@ def _choose(posing, name):
 
 def clips_panel(rigging, posing, strip, actions):
     """What plays, and how a clip is made of the timeline's keys."""
-    if posing.chosen is None:
+    imgui.push_id("clips")  # the timeline has buttons of these names, too
+    clip = posing.chosen
+    if clip is None:
         imgui.text_wrapped(NO_CLIPS)
     else:
-        _clip(rigging, posing, posing.chosen, actions)
+        names = [one.name for one in rigging.clips]
+        combo("clip", clip.name, names, partial(_choose, posing), FADES)
+        button(actions, "play_clip")
+        imgui.same_line()
+        action_box(actions, "loop_clip")
+        imgui.same_line()
+        delete_button(rigging.delete_clip, clip.name)
+        seconds = posing.seconds if clip.name == posing.clip else 0.0
+        text = f"%.2f of {clip.duration:.2f} s"
+        slider("time", seconds, (0.0, clip.duration), text, partial(posing.scrub_clip, clip.name))
+        slider("speed", posing.speed, SPEEDS, "%.2f", posing.set_clip_speed)
     strip.clip_name = text_field("##clip", strip.clip_name, "a name", width=120.0)
     imgui.same_line()
-    button("Save clip", actions, "save_clip", SAVE_CLIP)
-
-
-def _clip(rigging, posing, clip, actions):
-    combo("clip", clip.name, [one.name for one in rigging.clips], partial(_choose, posing), FADES)
-    button("Stop" if posing.playing else "Play", actions, "play_clip")
-    imgui.same_line()
-    checkbox("loop##clip", posing.loop, posing.loop_clip)
-    imgui.same_line()
-    if imgui.small_button("x"):
-        rigging.delete_clip(clip.name)
-    imgui.set_item_tooltip("delete it")
-    seconds = posing.seconds if clip.name == posing.clip else 0.0
-    text = f"%.2f of {clip.duration:.2f} s"
-    slider("time", seconds, (0.0, clip.duration), text, partial(posing.scrub_clip, clip.name))
-    slider("speed", posing.speed, SPEEDS, "%.2f", posing.set_clip_speed)
+    button(actions, "save_clip")
+    imgui.pop_id()

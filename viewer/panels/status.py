@@ -3,7 +3,7 @@
 from imgui_bundle import imgui
 
 from .bend import state_line
-from .filming import RECORDING_RED, recording_line
+from .film import RECORDING_RED, recording_line
 
 BETWEEN = 18.0  # points
 
@@ -23,10 +23,15 @@ def status_line(
     if sign:
         imgui.text_colored(RECORDING_RED, sign)
         imgui.same_line(0.0, BETWEEN)
-    left = imgui.get_cursor_pos_x()
-    room = imgui.get_window_width() - left - width - 2.0 * BETWEEN
-    imgui.text(_fitting(hint_of(controls, fly), room))
-    imgui.same_line(max(imgui.get_window_width() - width - BETWEEN, left))
+    corner, whole = imgui.get_cursor_screen_pos(), imgui.get_window_width()
+    end = imgui.get_window_pos().x + whole - width - 2.0 * BETWEEN
+    hint = hint_of(controls, fly)
+    size, lines = imgui.calc_text_size(hint), imgui.get_window_draw_list()
+    if end > corner.x:
+        low = corner.x + min(size.x, end - corner.x), corner.y + size.y
+        imgui.internal.render_text_ellipsis(lines, corner, low, end, hint, size)
+    imgui.dummy((1.0, size.y))
+    imgui.same_line(max(whole - width - BETWEEN, 1.0))
     imgui.text_disabled(right)
 
 
@@ -50,12 +55,3 @@ def _facts(clock, solver, handles, times, radiance, key):
     if count:
         facts.insert(0, f"{count} point{'s' * (count != 1)} selected")
     return "   ".join(facts)
-
-
-def _fitting(text, room):
-    """As much of a text as fits into so many points."""
-    if imgui.calc_text_size(text).x <= room:
-        return text
-    while text and imgui.calc_text_size(f"{text}…").x > room:
-        text = text[:-4]
-    return f"{text}…" if text else ""

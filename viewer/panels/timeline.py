@@ -1,12 +1,11 @@
 """The task *Animate*: the timeline's strip along the lower edge, and saved poses."""
 
-from functools import partial
+from functools import cache, partial
 
 from imgui_bundle import imgui
 
 from ..document import (
     EASINGS,
-    LONGEST,
     MOTIONS,
     TICKS_PER_SECOND,
     TRACKS,
@@ -16,7 +15,16 @@ from ..document import (
     shown_ticks,
 )
 from .rig import clips_panel
-from .widgets import button, checkbox, combo, section, slider, text_field
+from .widgets import (
+    action_box,
+    button,
+    combo,
+    delete_button,
+    number_setting,
+    section,
+    slider,
+    text_field,
+)
 
 STRIP_HEIGHT = 144.0
 RULER, LANE = 20.0, 22.0  # heights
@@ -33,9 +41,9 @@ between poses of bones, bones turn, and softness says what follows them"""
 EASING = "on the way from this key to the next one"
 HINT = "{} sets a key at the playhead. Drag keys to move them, with Ctrl to copy them."
 STANDS = "Time stands still at this pose. A drag or {} lets it go on; {} keys what you make of it."
-GRAYS = {  # of the themes: ruler, lanes, lines, text, a key's edge, a chosen key's
-    "dark": (0.21, 0.17, 0.35, 0.65, 0.12, 1.0),
-    "light": (0.89, 0.94, 0.85, 0.38, 1.0, 0.0),
+GRAYS = {  # ruler, lanes, lines, text, a key's edge, a chosen key's, what is beyond the end
+    "dark": (0.21, 0.17, 0.35, 0.65, 0.12, 1.0, 0.12),
+    "light": (0.89, 0.94, 0.85, 0.38, 1.0, 0.0, 0.98),
 }
 COLORS = {
     "head": (0.95, 0.35, 0.25, 1.0),
@@ -51,23 +59,17 @@ def timeline_strip(timeline, strip, settings, actions, say):
 
 
 def _buttons(timeline, strip, actions):
-    button("Stop" if timeline.playing else "Play", actions, "play")
+    button(actions, "play")
     imgui.same_line()
-    checkbox("loop", timeline.loop, timeline.set_loop, "play again and again")
+    action_box(actions, "toggle_loop")
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
-    imgui.same_line(0.0, GAP)
-    button("Key both", actions, "key", "keep camera and pose at the red line")
-    imgui.same_line()
-    button("View only", actions, "key_camera", "keep the camera alone")
-    imgui.same_line()
-    button("Pose only", actions, "key_pose", "keep the pose alone")
-    imgui.same_line(0.0, GAP)
-    button("Turntable", actions, "turntable", "camera keys around what it looks at, in a loop")
+    for name, gap in (("key", GAP), ("key_camera", -1.0), ("key_pose", -1.0), ("turntable", GAP)):
+        imgui.same_line(0.0, gap)
+        button(actions, name)
     imgui.same_line()
     imgui.set_next_item_width(58.0)
-    change = partial(setattr, strip, "turn_seconds")
-    slider("##turn", strip.turn_seconds, TURNS, "%.0f s", change, tooltip="of a turn")
+    number_setting("##turn", strip, "turn_seconds", TURNS, "%.0f s", tooltip="of a turn")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
     combo("##motion", timeline.motion, MOTIONS, timeline.set_motion, MOTION)
@@ -80,8 +82,8 @@ def _tracks(timeline, strip, theme, say):
     at, width = imgui.get_cursor_screen_pos(), imgui.get_content_region_avail().x
     imgui.invisible_button("tracks", (max(width, 1.0), RULER + LANE * len(TRACKS)))
     if not strip.holds:  # while something is dragged, its ground stays
-        ticks = min(shown_ticks(timeline), LONGEST)
-        strip.scale = TimeScale(at.x + NAMES, max(width - NAMES - 2.0 * KEY, 1.0), ticks)
+        right = max(width - NAMES - 2.0 * KEY, 1.0)
+        strip.scale = TimeScale(at.x + NAMES, right, shown_ticks(timeline))
     mouse = imgui.get_io().mouse_pos
     if imgui.is_item_activated():
         row = int((mouse.y - at.y - RULER) // LANE)
@@ -96,24 +98,19 @@ def _tracks(timeline, strip, theme, say):
     _draw_tracks(timeline, strip, theme, at, width)
 
 
+@cache
 def _colors(theme):
-    names = "ruler", "lane", "line", "text", "edge", "chosen"
+    names = "ruler", "lane", "line", "text", "edge", "chosen", "beyond"
     grays = {n: (g, g, g, 1.0) for n, g in zip(names, GRAYS[theme], strict=True)}
+    grays["beyond"] = (*grays["beyond"][:3], 0.75)
     return {name: imgui.get_color_u32(c) for name, c in (grays | COLORS).items()}
 
 
 def _draw_tracks(timeline, strip, theme, at, width):
     draw, scale, color = imgui.get_window_draw_list(), strip.scale, _colors(theme)
     right, bottom = at.x + width, at.y + RULER + LANE * len(TRACKS)
-    draw.add_rect_filled((at.x, at.y), (right, at.y + RULER), color["ruler"], 4.0)
-    draw.add_rect_filled((at.x, at.y + RULER), (right, bottom), color["lane"], 4.0)
     draw.push_clip_rect((at.x, at.y), (right, bottom), True)
-    number = 0
-    while (tick := round(number * scale.step * TICKS_PER_SECOND)) <= scale.ticks:
-        x = scale.place(tick)
-        draw.add_line((x, at.y + 13.0), (x, bottom), color["line"])
-        draw.add_text((x + 3.0, at.y + 1.0), color["text"], f"{number * scale.step:g}")
-        number += 1
+    _draw_ruler(timeline, scale, draw, color, at, right, bottom)
     chosen = strip.chosen(timeline)
     for row, track in enumerate(TRACKS):
         y = at.y + RULER + LANE * (row + 0.5)
@@ -134,6 +131,20 @@ def _draw_tracks(timeline, strip, theme, at, width):
     draw.pop_clip_rect()
 
 
+def _draw_ruler(timeline, scale, draw, color, at, right, bottom):
+    """Seconds, and the lanes below them; what is beyond the film's end is faint."""
+    draw.add_rect_filled((at.x, at.y), (right, at.y + RULER), color["ruler"], 4.0)
+    draw.add_rect_filled((at.x, at.y + RULER), (right, bottom), color["lane"], 4.0)
+    step = scale.step * TICKS_PER_SECOND
+    for number in range(int(scale.ticks / step + 1e-6) + 1):
+        x = scale.place(number * step)
+        draw.add_line((x, at.y + 13.0), (x, bottom), color["line"])
+        draw.add_text((x + 3.0, at.y + 1.0), color["text"], f"{number * scale.step:g}")
+    if timeline.end:
+        end = scale.place(timeline.end)
+        draw.add_rect_filled((end, at.y), (right, bottom), color["beyond"])
+
+
 def _diamond(draw, x, y, fill, edge):
     corners = (x, y - KEY), (x + KEY, y), (x, y + KEY), (x - KEY, y)
     draw.add_quad_filled(*corners, fill)
@@ -144,7 +155,7 @@ def _chosen_key(timeline, strip, actions):
     chosen = strip.chosen(timeline)
     if chosen is None:
         stands = timeline.stands and not timeline.playing
-        labels = [actions.with_key(action) for action in ("pause", "key")[not stands :]]
+        labels = [actions.label(action) for action in ("pause", "key")[not stands :]]
         imgui.align_text_to_frame_padding()
         imgui.text_disabled((STANDS if stands else HINT).format(*labels))
         return
@@ -154,21 +165,21 @@ def _chosen_key(timeline, strip, actions):
     imgui.text_disabled(f"{track} at {as_time(tick)}")
     imgui.same_line()
     imgui.set_next_item_width(88.0)
-    combo("##easing", key.easing, EASINGS, partial(timeline.ease_key, track, tick), EASING)
-    imgui.same_line()
-    button("Copy", actions, "copy_key", "to the playhead")
-    imgui.same_line()
-    button("Delete##key", actions, "delete_key")
+    change = partial(timeline.ease_key, track, tick)
+    combo("##easing", key.easing, list(EASINGS), change, EASING)
+    for name in ("copy_key", "delete_key"):
+        imgui.same_line()
+        button(actions, name)
 
 
 # -- saved poses -------------------------------------------------------------------------------
 
 
-def animate_panel(timeline, strip, settings, rigging, posing, actions):
+def animate_panel(timeline, strip, rigging, posing, actions):
     """Keys in a few words, clips, and saved poses."""
     key, play, turn = (actions.label(name) for name in ("key", "play", "turntable"))
     imgui.text_wrapped(STEPS.format(key=key, play=play, turn=turn))
-    checkbox("timeline", settings.show_timeline, partial(setattr, settings, "show_timeline"))
+    action_box(actions, "toggle_timeline")
     if section("Clips of bones", bool(rigging.clips)):
         clips_panel(rigging, posing, strip, actions)
     if section("Saved poses", bool(timeline.poses)):
@@ -178,12 +189,10 @@ def animate_panel(timeline, strip, settings, rigging, posing, actions):
 def _poses(timeline, strip, actions):
     strip.pose_name = text_field("##pose", strip.pose_name, "a name", width=150.0)
     imgui.same_line()
-    button("Save pose", actions, "save_pose", "to blend it with others")
+    button(actions, "save_pose")
     for pose in timeline.poses:
         imgui.push_id(pose.name)
-        if imgui.small_button("x"):
-            timeline.delete_pose(pose.name)
-        imgui.set_item_tooltip("delete it")
+        delete_button(timeline.delete_pose, pose.name)
         imgui.same_line()
         change = partial(timeline.blend_pose, pose.name)
         slider(pose.name, pose.weight, WEIGHTS, "%.2f", change, tooltip="how much of it")

@@ -1,20 +1,40 @@
-"""The task *View*: the model, what the picture shows, the panels' looks, speed."""
+"""The task *View*: the model, what the picture shows, the camera, the panels' looks, speed."""
 
+import math
 from functools import partial
 
 import numpy as np
 from imgui_bundle import imgui
 
 from ...core.render import MODES, caption
+from ..actions import AXIS_VIEWS, FROM_VIEW, UPS, line_of, set_up, show_photograph, up_name
+from ..camera import widened
 from ..files import readable
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
-from ..settings import MESH_RANGES, SIDES, SURFACES, THEMES
-from .widgets import LOGARITHMIC, checkbox, color, combo, number_setting, setting
+from ..settings import MESH_RANGES, ORBIT_KEYS, PHOTOGRAPHS, SIDES, SURFACES, THEMES
+from .widgets import (
+    LOGARITHMIC,
+    action_box,
+    button,
+    buttons,
+    choice_setting,
+    color,
+    combo,
+    delete_button,
+    number_setting,
+    setting,
+    slider,
+    text_field,
+)
 
+ANGLES = 5.0, 100.0  # degrees
+WIDER = "the distance changes with it, so that the object stays as large"
+PHOTOGRAPH = "over the render as long as the camera is where it was taken, or beside it"
+ORBIT = "the key with which a drag on the object turns the view"
+UP = "what the horizon is level to: some captures lie on their side"
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
 TARGETS = 2.0, 120.0  # frames a second
-GROUND = "with the object's shadow: where there is one, and under what stands"
 PANEL_SCALES = {"80 %": 0.8, "100 %": 1.0, "125 %": 1.25, "150 %": 1.5, "200 %": 2.0}
 SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
 SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
@@ -46,32 +66,25 @@ def model_panel(field, name):
 
 def picture_panel(settings, viewpoint, actions):
     """What the picture shows."""
-    change = partial(setattr, settings, "mode")
-    combo("show", settings.mode, MODES, change, actions.with_key("next_mode", "next one"))
+    choice_setting("show", settings, "mode", MODES, actions.told("next_mode"))
     line = caption(settings.mode, viewpoint.depth_range)
     if line:
         imgui.text_disabled(line)
     color("background", settings.background, partial(setattr, settings, "background"))
     setting("checkerboard", settings, "checkerboard")
     imgui.same_line()
-    checkbox("ground", settings.show_ground, partial(_show_ground, settings), GROUND)
-    setting("vertices", settings, "show_handles")
-    imgui.same_line()
-    setting("wireframe", settings, "show_wireframe")
-    imgui.same_line()
-    setting("bones", settings, "show_bones")
+    action_box(actions, "toggle_ground")
+    action_box(actions, "toggle_handles")
+    for name in ("toggle_wireframe", "toggle_bones"):
+        imgui.same_line()
+        action_box(actions, name)
     _mesh(settings, actions)
 
 
-def _show_ground(settings, on):
-    settings.show_ground = settings.show_floor = on
-
-
 def _mesh(settings, actions):
-    change = partial(setattr, settings, "mesh_surface")
-    lines = (actions.with_key(action, text) for action, text in SHOWN_ON_MESH.items())
+    lines = (actions.told(action, text) for action, text in SHOWN_ON_MESH.items())
     tooltip = ",\n".join(lines) + ", as means about vertices"
-    combo("mesh", settings.mesh_surface, SURFACES, change, tooltip)
+    choice_setting("mesh", settings, "mesh_surface", SURFACES, tooltip)
     if settings.mesh_surface == "hidden":
         return
     tooltip = "1 hides the picture"
@@ -83,28 +96,70 @@ def _mesh(settings, actions):
         number_setting("colors to", settings, "mesh_range", bounds, text, LOGARITHMIC, tooltip)
 
 
+# -- the camera ----------------------------------------------------------------------------------
+
+
+def camera_panel(viewpoint, settings, actions):
+    buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
+    _lens(viewpoint, actions)
+    if settings.grab_anywhere:
+        choice_setting("orbit with", settings, "orbit_key", ORBIT_KEYS, ORBIT)
+    _saved(viewpoint, actions)
+
+
+def _lens(viewpoint, actions):
+    orbit = viewpoint.orbit
+
+    def widen(degrees):
+        viewpoint.orbit = widened(orbit, math.radians(degrees))
+
+    angle = math.degrees(orbit.field_of_view)
+    slider("field of view", angle, ANGLES, "%.0f°", widen, tooltip=WIDER)
+    action_box(actions, "toggle_parallel")
+    combo("up", up_name(orbit), [*UPS, FROM_VIEW], partial(set_up, viewpoint), UP)
+
+
+def photographs_panel(photographs, settings, viewpoint, controls, fly, center, actions):
+    """The data set's photographs, if its folder was given."""
+    button(actions, "previous_photograph", "<")
+    imgui.same_line()
+    button(actions, "next_photograph", ">")
+    imgui.same_line()
+    imgui.text_disabled(line_of(photographs))
+    change = partial(show_photograph, photographs, settings, viewpoint, controls, fly, center)
+    combo("photograph", settings.photograph, PHOTOGRAPHS, change, PHOTOGRAPH)
+    if settings.photograph == "over":
+        number_setting("opacity", settings, "photo_opacity", (0.0, 1.0), "%.2f")
+
+
+def _saved(viewpoint, actions):
+    viewpoint.new_name = text_field("##name", viewpoint.new_name, "a name", width=150.0)
+    imgui.same_line()
+    button(actions, "save_view")
+    for name in list(viewpoint.saved):
+        imgui.push_id(name)
+        if imgui.button(name):
+            viewpoint.go_to(name)
+        imgui.same_line()
+        delete_button(viewpoint.delete, name)
+        imgui.pop_id()
+
+
+# -- the window, and its speed -------------------------------------------------------------------
+
+
 def window_panel(settings):
     """The looks of the panels."""
-    combo("colors", settings.theme, THEMES, partial(setattr, settings, "theme"))
-    scale = next((name for name, one in PANEL_SCALES.items() if one == settings.panel_scale), "")
-    names = [*PANEL_SCALES, *([] if scale else ["other"])]
-
-    def choose(name):
-        settings.panel_scale = PANEL_SCALES.get(name, settings.panel_scale)
-
-    combo("letters", scale or "other", names, choose, "over what the system says")
-    combo("panel at", settings.panel_side, SIDES, partial(setattr, settings, "panel_side"))
+    choice_setting("colors", settings, "theme", THEMES)
+    tooltip = "over what the system says"
+    choice_setting("letters", settings, "panel_scale", PANEL_SCALES, tooltip)
+    choice_setting("panel at", settings, "panel_side", SIDES)
 
 
 def speed_panel(settings, radiance, times, ctx):
     """How finely things are rendered while they move, and how long frames take."""
-
-    def choose(name):
-        settings.fixed_resolution = RESOLUTIONS[name]
-
-    names = {factor: name for name, factor in RESOLUTIONS.items()}
     tooltip = "while things move; at rest the image is refined to full resolution"
-    combo("resolution", names[settings.fixed_resolution], RESOLUTIONS, choose, tooltip)
+    choice_setting("resolution", settings, "fixed_resolution", RESOLUTIONS, tooltip)
     if settings.fixed_resolution is None:
         tooltip, text = "the resolution while things move follows it", "%.0f frames/s"
         number_setting("target", settings, "target_fps", TARGETS, text, LOGARITHMIC, tooltip)
@@ -130,22 +185,18 @@ def shown_lines(image, times) -> tuple[str, str]:
 
 
 def _times(settings, radiance, times, ctx):
-    mean = times.frame_seconds()
-    imgui.text(f"{1e3 * mean:.1f} ms a frame, {1.0 / max(mean, 1e-6):.0f} frames a second")
     frames = 1e3 * np.array(times.frames, np.float32)
-    imgui.plot_lines("##frames", frames, scale_min=0.0, graph_size=(-1.0, 40.0))
+    text = f"{1e3 * times.frame_seconds():.1f} ms a frame"
+    imgui.plot_lines("##frames", frames, 0, text, scale_min=0.0, graph_size=(-1.0, 40.0))
     _rows(times.means())
     imgui.text_disabled("means of the last second")
     setting("stages of rendering", settings, "time_rendering", STAGES_TOOLTIP)
     if settings.time_rendering:
         _rows(times.rendering)
-    pace = times.pace()
-    imgui.text(f"object time × {pace:.2g}" + " of the clock" * (pace < SLOW))
-    imgui.set_item_tooltip("below 1, the object moves slower than it would: frames take too long")
     imgui.text(memory_line(radiance.device))
-    imgui.text_disabled(f"renders on {radiance.device.name}")
-    imgui.text_disabled(f"draws on {ctx.info['GL_RENDERER']}")
-    imgui.text_disabled(f"frames go by {radiance.path}")
+    renders, draws = radiance.device.name, ctx.info["GL_RENDERER"]
+    for line in (f"renders on {renders}", f"draws on {draws}", f"frames go by {radiance.path}"):
+        imgui.text_disabled(line)
 
 
 def _rows(seconds_of):

@@ -8,24 +8,49 @@ import math
 from contextlib import contextmanager
 from functools import partial
 
-from imgui_bundle import imgui
-
-from .icons import icon
+from imgui_bundle import icons_fontawesome_6, imgui
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 LABEL_SHARE = 0.38  # of the width, for the name before a slider or a list
 
 
-def button(label, actions, action, tooltip="", width=0.0) -> None:
-    """A button that calls an action; its tooltip names the key."""
-    if imgui.button(label, (width, 0.0)):
+def icon(name: str) -> str:
+    """The glyph of a name, as "hand_pointer": of Font Awesome 6, which comes with imgui-bundle."""
+    return getattr(icons_fontawesome_6, f"ICON_FA_{name.upper()}")
+
+
+def button(actions, action, label="", tooltip="", width=0.0) -> None:
+    """A button that calls an action, by default with its title; its tooltip names the key."""
+    if imgui.button(label or actions.title(action), (width, 0.0)):
         actions.call(action)
-    _tooltip(actions.with_key(action, tooltip))
+    imgui.set_item_tooltip(actions.told(action, tooltip))
 
 
-def icon_button(glyph, actions, action, tooltip="") -> None:
-    """The same, with an icon."""
-    button(f"{icon(glyph)}##{action}", actions, action, tooltip)
+def buttons(actions, *names) -> None:
+    """Buttons side by side, in as many lines as they need."""
+    for number, name in enumerate(names):
+        if number:
+            beside(actions.title(name))
+        button(actions, name)
+
+
+def action_box(actions, action, tooltip="") -> None:
+    """A box with an action's title, for one that is on or off."""
+    title = actions.title(action)
+    change = partial(_call, actions, action)
+    label, told = title[0].lower() + title[1:], actions.told(action, tooltip)
+    checkbox(label, actions.is_on(action), change, told)
+
+
+def delete_button(delete, name) -> None:
+    """A small button that deletes what is called so."""
+    if imgui.small_button("x"):
+        delete(name)
+    imgui.set_item_tooltip("delete it")
+
+
+def _call(actions, action, on):
+    actions.call(action)
 
 
 def named(label):
@@ -60,11 +85,11 @@ def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
         change(round(value) if whole else float(value))
 
 
-def sides(label, value, change) -> None:
-    """A field for two whole numbers; calls `change` with new ones."""
-    changed, chosen = imgui.input_int2(named(label), list(value))
+def sides(label, owner, name) -> None:
+    """A field for an attribute of two whole numbers."""
+    changed, chosen = imgui.input_int2(named(label), list(getattr(owner, name)))
     if changed:
-        change(tuple(chosen))
+        setattr(owner, name, tuple(chosen))
 
 
 def color(label, value, change) -> None:
@@ -78,12 +103,19 @@ def color(label, value, change) -> None:
 
 
 def combo(label, value, values, change, tooltip="") -> None:
-    """A box to choose one of several strings in; calls `change` with a new one."""
-    values = list(values)
-    changed, chosen = imgui.combo(named(label), values.index(value), values)
+    """A box to choose one of several values in; calls `change` with another one.
+
+    Args:
+        values: Strings or numbers, or a dictionary of what they are called; a value that is none
+            of these is "custom".
+    """
+    words = values if isinstance(values, dict) else {str(one): one for one in values}
+    words = words if value in words.values() else {**words, "custom": value}
+    found = list(words.values())
+    changed, chosen = imgui.combo(named(label), found.index(value), list(words))
     _tooltip(tooltip)
     if changed:
-        change(values[chosen])
+        change(found[chosen])
 
 
 def text_field(label, value, hint="", width=-1.0) -> str:
@@ -102,15 +134,20 @@ def checkbox(label, value, change, tooltip="") -> None:
         change(value)
 
 
-def setting(label, settings, name, tooltip="") -> None:
-    """A box for one of the Settings."""
-    checkbox(label, getattr(settings, name), partial(setattr, settings, name), tooltip)
+def setting(label, owner, name, tooltip="") -> None:
+    """A box for one of the Settings, or another attribute that is on or off."""
+    checkbox(label, getattr(owner, name), partial(setattr, owner, name), tooltip)
 
 
-def number_setting(label, settings, name, bounds, text, flags=0, tooltip="") -> None:
-    """A slider for one of the Settings."""
-    change = partial(setattr, settings, name)
-    slider(label, getattr(settings, name), bounds, text, change, flags, tooltip)
+def number_setting(label, owner, name, bounds, text, flags=0, tooltip="") -> None:
+    """The same for a number, with a slider."""
+    change = partial(setattr, owner, name)
+    slider(label, getattr(owner, name), bounds, text, change, flags, tooltip)
+
+
+def choice_setting(label, owner, name, values, tooltip="") -> None:
+    """The same for one of several values, as `combo` has them."""
+    combo(label, getattr(owner, name), values, partial(setattr, owner, name), tooltip)
 
 
 def segments(values, chosen, choose, tooltip=lambda value: "") -> None:

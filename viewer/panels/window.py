@@ -9,17 +9,12 @@ from ..camera import Covered, film_frame
 from ..files import readable
 from ..loading import STAGES
 from ..parts import call, part
-from .boxes import box_overlay, brush_overlay
-from .dialogs import dialog_window
-from .film import film_window, frame_overlay, progress_window
-from .filming import RECORDING_RED, recording_line
-from .gizmo import gizmo_overlay
+from .dialogs import dialog_window, leaving_window, recovery_window
+from .film import RECORDING_RED, film_window, progress_window, recording_line
 from .help import help_size, help_window
 from .inspector import inspector
-from .leaving import leaving_window
 from .menu import menu_bar
-from .recovery import recovery_window
-from .selection import gesture_overlay
+from .overlays import box_overlay, brush_overlay, frame_overlay, gesture_overlay, gizmo_overlay
 from .status import status_height, status_line
 from .timeline import STRIP_HEIGHT, timeline_strip
 from .tool_strip import strip_width, tool_strip
@@ -83,18 +78,19 @@ class Panels:
     def draw(self) -> None:
         """Draw all of them."""
         gui, settings = self._gui, self._app.scene.settings
+        covered, size = self.covered(), imgui.get_io().display_size
         for overlay in OVERLAYS:
             self.show(overlay)
         takes = self._app.takes
         if takes.shows_frame or takes.asking:
-            size = imgui.get_io().display_size
-            frame_overlay(film_frame((size.x, size.y), self.covered(), takes.aspect))
+            frame_overlay(film_frame((size.x, size.y), covered, takes.aspect))
         gui.guarded(self.menus)
         if settings.show_panel:
-            self._frame()
-        covered = self.covered()
+            self._frame(covered)
         if settings.show_timeline:
-            self._fixed("timeline", timeline_strip, self._strip_place(covered))
+            left = strip_width() * settings.show_panel
+            place = left, size.y - covered.bottom, size.x - left, STRIP_HEIGHT
+            self._fixed("timeline", timeline_strip, place)
         self._floating_windows(covered)
         self._question(covered)
 
@@ -105,23 +101,15 @@ class Panels:
             self._gui.claim()
             imgui.end_main_menu_bar()
 
-    def _frame(self):
+    def _frame(self, covered):
         """Tools, the task's panel, the status line."""
         size, settings = imgui.get_io().display_size, self._app.scene.settings
-        top, low = imgui.get_frame_height(), status_height()
-        height, side = size.y - top - low, self._panel_width()
-        above_strip = height - STRIP_HEIGHT * settings.show_timeline
-        at_left = settings.panel_side == "left"
-        self._fixed("tools", tool_strip, (0.0, top, strip_width(), height), padding=0.5)
-        place = strip_width() if at_left else size.x - side
-        self._fixed("task", inspector, (place, top, side, above_strip))
+        top, low, side = covered.top, status_height(), self._panel_width()
+        tools = 0.0, top, strip_width(), size.y - top - low
+        self._fixed("tools", tool_strip, tools, padding=0.5)
+        left = strip_width() if settings.panel_side == "left" else size.x - side
+        self._fixed("task", inspector, (left, top, side, size.y - top - covered.bottom))
         self._fixed("status", status_line, (0.0, size.y - low, size.x, low), padding=0.4)
-
-    def _strip_place(self, covered):
-        """Of the timeline: left, top, width and height."""
-        size = imgui.get_io().display_size
-        left = strip_width() * self._app.scene.settings.show_panel
-        return left, size.y - covered.bottom, size.x - left, STRIP_HEIGHT
 
     def _fixed(self, name, panel, place, padding=1.0):
         """A window at a place (left, top, width, height) that fills it."""
@@ -145,26 +133,34 @@ class Panels:
             self._floating("help", (0.5, 0.5), help_window, FIXED, covered)
         if app.takes.job is not None:
             self._floating("film's progress", (1.0, 1.0), progress_window, FLOATING, covered)
-        if app.train_job is not None:
+        if app.train_job is not None and settings.show_panel:
             self.training_window()
-        sign = recording_line(app.takes, app.recorder)
-        if sign and not settings.show_panel:
-            _told("recording", (1.0, 0.0), covered)
-            imgui.text_colored(RECORDING_RED, sign)
-            imgui.end()
-        busy = settings.has_dragged or app.photographs or settings.show_help or app.questions.name
-        if settings.tool == "grab" and not busy:
-            _told("first minute", (0.5, 0.0), covered)
-            imgui.text(FIRST_LINE)
-            imgui.end()
-        if app.fly.on and not settings.show_panel:
-            _told("flying", (0.5, 0.0), covered)
-            imgui.text(app.fly.line)
-            imgui.end()
-        if app.recorder.message:
-            _told("message", (0.5, 1.0), covered)
-            imgui.text(app.recorder.message)
-            imgui.end()
+        self._tell(covered)
+
+    def _tell(self, covered):
+        """Lines over the view; some of them only where no panel says the same."""
+        app, settings = self._app, self._app.scene.settings
+        hidden, training = not settings.show_panel, app.train_job is not None
+        begun = settings.has_dragged or app.photographs or settings.show_help or app.questions.name
+        for name, place, wanted, line in (
+            ("recording", (1.0, 0.0), hidden, recording_line(app.takes, app.recorder)),
+            (
+                "training",
+                (0.5, 0.0),
+                hidden and training,
+                training and training_lines(app.train_job)[0],
+            ),
+            ("first minute", (0.5, 0.0), settings.tool == "grab" and not begun, FIRST_LINE),
+            ("flying", (0.5, 0.0), hidden and app.fly.on, app.fly.line),
+            ("message", (0.5, 1.0), True, app.recorder.message),
+        ):
+            if wanted and line:
+                _begin_told(name, place, covered)
+                if name == "recording":
+                    imgui.text_colored(RECORDING_RED, line)
+                else:
+                    imgui.text(line)
+                imgui.end()
 
     def _floating(self, name, place, panel, flags, covered):
         _set_place(place, covered)
@@ -189,7 +185,7 @@ class Panels:
     def playing_window(self, tick: int, patience) -> None:
         """How far a session has been played, and whether to go on if that takes long."""
         ticks = max(patience.total, 1)
-        _told("loading", (0.5, 0.5), Covered())
+        _begin_told("loading", (0.5, 0.5), Covered())
         imgui.text(f"playing the session, {tick // 60} of {ticks // 60} s")
         imgui.progress_bar(tick / ticks, (BAR_WIDTH, 0.0), patience.line(tick))
         asks = patience.asks(tick)
@@ -197,19 +193,13 @@ class Panels:
         imgui.end()
 
     def training_window(self) -> None:
-        """How a training run goes, beside the panel; a line if the panels are hidden."""
-        app = self._app
-        covered = Covered() if app.scene is None else self.covered()
-        if app.scene is not None and not app.scene.settings.show_panel:
-            _told("training", (0.5, 0.0), covered)
-            imgui.text(training_lines(app.train_job)[0])
-            imgui.end()
-            return
+        """How a training run goes, beside the panel."""
+        covered = Covered() if self._app.scene is None else self.covered()
         self._floating("training panel", (0.0, 0.0), training_panel, FLOATING, covered)
 
     def loading_window(self, title: str, progress) -> None:
         """The stages of a loading.Progress, with a bar."""
-        _told("loading", (0.5, 0.5), Covered())
+        _begin_told("loading", (0.5, 0.5), Covered())
         imgui.text(readable(title))
         done = list(progress.seconds)  # another thread adds to it
         for stage, seconds in zip(STAGES, done, strict=False):
@@ -234,7 +224,7 @@ def _set_place(place, covered):
     imgui.set_next_window_pos((x, y), pivot=place)
 
 
-def _told(name, place, covered):
+def _begin_told(name, place, covered):
     """Begin a window that only tells something: the mouse and keys pass it."""
     _set_place(place, covered)
     flags = FLOATING | FLAGS.no_inputs.value | FLAGS.no_focus_on_appearing.value

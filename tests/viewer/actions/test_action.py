@@ -1,8 +1,10 @@
 """The table of inputs, with each of the KEYS."""
 
+from types import SimpleNamespace
+
 import pytest
 
-from deformrf.viewer.actions import ACTIONS, action_of, inputs_of, label_of
+from deformrf.viewer.actions import ACTIONS, BoundActions, action_of, input_of, inputs_of
 from deformrf.viewer.settings import KEYS
 from deformrf.viewer.tools import ALT, CTRL, LEFT, MIDDLE, RIGHT, SHIFT
 
@@ -29,7 +31,7 @@ def test_a_key_calls_its_action_and_the_label_says_which_it_is(keys):
     for entry in inputs_of(keys):
         if entry.key:
             assert action_of(*parts_of(entry.key), keys) == entry.action
-            assert label_of(entry.action, keys) == entry.label != ""
+            assert input_of(entry.action, keys).label == entry.label != ""
 
 
 @pytest.mark.gl
@@ -60,13 +62,29 @@ def test_with_blenders_keys_g_r_and_s_move_turn_and_scale():
         "rest_bones"
     )
     assert action_of("F", SHIFT, "blender") == "fly" and action_of("R") == "reset"
-    assert label_of("rest_bones", "blender") == "Alt+R"
+    assert input_of("rest_bones", "blender").label == "Alt+R"
 
 
 def test_the_page_of_keys_says_what_the_inputs_are():
     import keys_page
 
     assert keys_page.PAGE.read_text(encoding="utf-8") == keys_page.page()
+
+
+def test_what_is_exported_is_told_with_the_word_and_its_item_without():
+    assert input_of("save_model", "deformrf").title == "Export model"
+    assert input_of("save_model", "deformrf").menu == "File/Export/Model"
+
+
+def test_a_title_says_what_a_click_does_now():
+    settings = SimpleNamespace(keys="deformrf", tool="grab")
+    scene = SimpleNamespace(settings=settings, clock=SimpleNamespace(paused=False))
+    actions = BoundActions(SimpleNamespace(scene=scene))
+    assert actions.title("pause") == "Pause" and actions.title("bones") == "Pose bones"
+    scene.clock.paused, settings.tool = True, "bones"
+    assert actions.title("pause") == "Go on" and actions.title("bones") == "Stop posing"
+    assert actions.told("pause") == "pause, or go on (Space)"
+    assert actions.told("save_model", "so") == "so"
 
 
 def test_escape_does_not_quit():

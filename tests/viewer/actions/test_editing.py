@@ -106,3 +106,23 @@ def test_n_switches_between_physics_and_pose(app_like, scene):
     assert scene.settings.hand == "pose" and ACTIONS["pose"].is_on(app_like)
     ACTIONS["undo"](app_like)
     assert scene.settings.hand == "physics"
+
+
+def test_a_task_takes_its_tool_and_a_tool_shows_its_task(app_like, scene):
+    settings = scene.settings
+    ACTIONS["task_rig"](app_like)
+    assert settings.tool == "joints"  # there are no bones yet
+    ACTIONS["toggle_push"](app_like)
+    assert settings.task == "bend"
+    ACTIONS["bones"](app_like)
+    assert settings.task == "rig"
+    ACTIONS["task_bend"](app_like)
+    assert settings.tool == "grab" and settings.task == "bend"
+    ACTIONS["task_animate"](app_like)
+    ACTIONS["bones"](app_like)
+    assert settings.task == "animate" and settings.show_timeline  # whose keys the bones get
+    scene.rigging.add_joint(np.array([0.5, 0.5, 0.2]))
+    scene.rigging.add_joint(np.array([0.5, 0.5, 0.8]))
+    ACTIONS["grab"](app_like)
+    ACTIONS["task_rig"](app_like)
+    assert settings.tool == "bones"

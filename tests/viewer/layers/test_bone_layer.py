@@ -9,7 +9,13 @@ from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import LOOSE, Scene
 from deformrf.viewer.layers import BoneLayer, Canvas, gl
-from deformrf.viewer.layers.bone_layer import CHOSEN, VERTICES, bone_instances, joint_spheres
+from deformrf.viewer.layers.bone_layer import (
+    CHOSEN,
+    VERTICES,
+    bone_instances,
+    joint_spheres,
+    left_behind,
+)
 
 SIZE = 400, 300
 
@@ -91,3 +97,19 @@ def test_bones_are_where_they_are_and_seen_through_the_object(scene, window, par
     layer.draw(camera, clips)
     assert not canvas.read().any()
     layer.release()
+
+
+def test_bones_that_a_bent_object_has_left_behind_are_not_drawn(scene):
+    assert not left_behind(scene)
+    scene.posing.hold_bone(0)
+    scene.posing.turn_bones([0], [[0.8, 0.6, 0.0, 0.0]])
+    assert not left_behind(scene)  # the object goes along
+    scene.posing.give_way()
+    assert left_behind(scene)
+    scene.reset()
+    assert not left_behind(scene)
+    scene.solver.stand(scene.positions + np.float32([0.0, 0.0, 0.1 * scene.size]))
+    scene.revision += 1
+    assert left_behind(scene)  # a hand has moved it
+    scene.settings.tool = "bones"
+    assert not left_behind(scene)  # else nobody could take one

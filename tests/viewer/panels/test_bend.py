@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from deformrf.core.deform import HELD_SHARE, PRESETS, Material
+from deformrf.viewer.actions import BoundActions
 from deformrf.viewer.settings import Settings
 from deformrf.viewer.times import FrameTimes
 
@@ -55,7 +56,7 @@ class Panel:
             handles=SimpleNamespace(grabbed=None, hover=None, selected=[]),
         )
         self.times = FrameTimes()
-        self.actions = SimpleNamespace(with_key=lambda name, text="": text, label=lambda name: "")
+        self.actions = BoundActions(SimpleNamespace(scene=self.scene))
         self.gui = Gui(window)
         self.boxes, self.calls, self.dim = {}, [], []
         monkeypatch.setattr(imgui, "combo", self.combo)
@@ -89,16 +90,10 @@ class Panel:
         self.gui.begin()
         imgui.begin("panel")
         scene, gizmo = self.scene, SimpleNamespace(tool=SimpleNamespace(gizmo=None))
-        parts = (
-            scene,
-            scene.clock,
-            scene.solver,
-            scene.body,
-            scene.cuts,
-            scene.handles,
-            scene.settings,
-        )
-        bend.bend_panel(*parts, gizmo, self.gui, self.times, self.actions)
+        field = SimpleNamespace(mesh=SimpleNamespace(vertex_count=9))
+        time, parts = (scene, scene.clock, scene.solver), (scene.body, scene.cuts, scene.handles)
+        shown = field, scene.settings, gizmo, self.gui, self.times, self.actions
+        bend.bend_panel(*time, *parts, *shown)
         imgui.end()
         self.gui.end()
 
@@ -165,13 +160,14 @@ def test_boxes_switch_what_surrounds_the_object(panel):
 
     for label, call in (
         ("gravity", EARTH),
-        ("ground", True),
+        ("solid ground", True),
         ("foot held", False),
         ("automatic", False),
     ):
         panel.boxes[label] = True
         panel.frame()
-        assert panel.calls.pop() == ({"foot held": "hold"}.get(label, label), call)
+        called = {"foot held": "hold", "solid ground": "ground"}.get(label, label)
+        assert panel.calls.pop() == (called, call)
     panel.scene.body.gravity = 5.0
     panel.boxes = {"gravity": True, "soft grip": True}
     panel.frame()
@@ -186,3 +182,15 @@ def test_large_numbers_have_prefixes(value, text):
     from deformrf.viewer.panels.bend import si
 
     assert si(value) == text
+
+
+def test_a_point_in_the_object_is_not_called_a_vertex():
+    from deformrf.viewer.panels.bend import vertex_line
+
+    handles = SimpleNamespace(grabbed=None, hover=951, selected=[], names={})
+    assert vertex_line(handles, 932) == "point 19"
+    assert vertex_line(handles, 952) == "vertex 951"
+    handles.grabbed = SimpleNamespace(handles=[951, 3])
+    assert vertex_line(handles, 932) == "holding point 19 and 1 more"
+    handles.names = {951: "nose"}
+    assert vertex_line(handles, 932) == "holding nose and 1 more"

@@ -34,7 +34,7 @@ def picture(app):
 
 
 def test_edges_are_those_of_the_box():
-    from deformrf.viewer.panels.boxes import box_edges
+    from deformrf.viewer.panels.overlays import box_edges
 
     edges = box_edges(np.array(BOX))
     low, high = np.array(BOX)

@@ -104,7 +104,7 @@ def test_a_free_drag_from_a_menu_begins_where_the_mouse_is(app):
 
 
 def offered(app):
-    from deformrf.viewer.panels.keys import offers_keys
+    from deformrf.viewer.panels.menu import offers_keys
 
     return offers_keys(app.preferences, app.scene.settings)
 

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.gl
 
 
 def lines(count, cursor):
-    from deformrf.viewer.panels.history import shown_steps
+    from deformrf.viewer.panels.bend import shown_steps
 
     journal = Journal(None)
     journal.steps = [Step(f"step {n}", n, {}) for n in range(count)]

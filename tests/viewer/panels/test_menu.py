@@ -2,7 +2,7 @@
 
 import pytest
 
-from deformrf.viewer.actions import ACTIONS, INPUTS, Action, Input, inputs_of
+from deformrf.viewer.actions import ACTIONS, INPUTS, SECTIONS, Action, Input, inputs_of
 from deformrf.viewer.panels import menu as m
 from deformrf.viewer.settings import KEYS
 
@@ -153,3 +153,28 @@ def test_the_help_names_every_key_and_fits_the_window(app, monkeypatch, keys):
     app.gui.help_filter = "wireframe"
     frames(app, 1)
     assert {"W", "wireframe"} <= set(drawn) and "Ctrl+Z" not in drawn
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("task, first", [("bend", "Bend"), ("film", "Film")])
+def test_the_help_begins_with_the_task_and_has_a_section_for_each(app, monkeypatch, task, first):
+    from deformrf.viewer.panels import help as panel
+
+    heads = []
+    monkeypatch.setattr(panel, "section", lambda name: heads.append(name) or True)
+    app.scene.settings.show_help, app.scene.settings.task = True, task
+    frames(app, 1)
+    assert heads[0] == first and set(heads) == set(SECTIONS)
+    heads.clear()
+    app.gui.help_filter = "no such thing"
+    frames(app, 1)
+    assert heads == []
+
+
+@pytest.mark.gl
+def test_an_item_that_is_on_says_what_a_click_does_now(app):
+    click(app, "Edit")
+    assert "Pause" in app.drawn and "Go on" not in app.drawn
+    app.scene.clock.paused = True
+    frames(app, 2)
+    assert "Go on" in app.drawn

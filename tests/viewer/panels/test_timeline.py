@@ -124,3 +124,21 @@ def test_all_of_the_panel_is_drawn_without_a_fault(app, caplog):
     assert not app.gui._failed and "failed" not in caplog.text
     press(app, "T", key.MOD_SHIFT)
     assert not settings.show_timeline
+
+
+def test_the_chosen_keys_easing_is_one_of_the_list(app, monkeypatch):
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.document import EASINGS
+
+    def last(label, current, names):
+        shown.setdefault(label, (names[current], names))
+        return label == "##easing", len(names) - 1
+
+    shown = {}
+    press(app, "K")
+    monkeypatch.setattr(imgui, "combo", last)
+    frames(app, 1)
+    (camera,) = app.scene.timeline.keys["camera"]
+    assert shown["##easing"] == ("smooth", [*EASINGS])
+    assert camera.easing == [*EASINGS][-1] != "smooth"

@@ -112,3 +112,30 @@ def test_a_color_has_numbers(monkeypatch, bad):
     monkeypatch.setattr(imgui, "color_edit3", lambda *_: (True, [0.1, 3.0, -0.2]))
     color("background", (1.0, 1.0, 1.0), taken.append)
     assert taken == [(0.1, 1.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    "value, values, words, shown",
+    [
+        ("b", ("a", "b"), ["a", "b"], "b"),
+        (24, (15, 24), ["15", "24"], "24"),
+        (1.0, {"half": 0.5, "all": 1.0}, ["half", "all"], "all"),
+        (0.3, {"half": 0.5, "all": 1.0}, ["half", "all", "custom"], "custom"),
+    ],
+)
+def test_a_list_shows_words_and_gives_values(monkeypatch, value, values, words, shown):
+    from imgui_bundle import imgui
+
+    from deformrf.viewer.panels import widgets
+
+    seen, taken = [], []
+
+    def choose_first(label, current, names):
+        seen.append((names, names[current]))
+        return True, 0
+
+    monkeypatch.setattr(widgets, "named", str)
+    monkeypatch.setattr(imgui, "combo", choose_first)
+    widgets.combo("list", value, values, taken.append)
+    assert seen == [(words, shown)]
+    assert taken == [values["half"] if isinstance(values, dict) else values[0]]
