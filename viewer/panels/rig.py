@@ -82,7 +82,7 @@ def clips_panel(rigging, posing, strip, actions):
         imgui.text_wrapped(NO_CLIPS)
     else:
         _clip(rigging, posing, posing.chosen, actions)
-    strip.clip_name = text_field("##clip", strip.clip_name, "a name", width=120.0)
+    strip.clip_name = text_field("##clip name", strip.clip_name, "a name", width=120.0)
     imgui.same_line()
     button("Save clip", actions, "save_clip", SAVE_CLIP)
 
