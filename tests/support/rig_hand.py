@@ -1,16 +1,15 @@
 """A hand that makes a rig in a LiveViewer: joints, poses of bones, keys on the timeline."""
 
-import time
-
 import numpy as np
 
-STRIP_LEFT, STRIP_RIGHT, STRIP_ABOVE = 80.0, 24.0, 98.0  # where ticks begin and end; the ruler
+PADDING, NAMES, KEY = 10.0, 70.0, 7.0  # points: of the strip, of its tracks' names, of a key
+RULER = 22.0  # points from the middle of the tracks up to the ruler
 SHOWN = 300  # ticks on the strip, as long as no key is behind the fourth second
 
 
 def key(viewer, name):
     viewer.tool("key", name)
-    time.sleep(0.2)
+    viewer.rest(0.2)
 
 
 def take(viewer, tool, name):
@@ -22,7 +21,7 @@ def take(viewer, tool, name):
 def click(viewer, place):
     viewer.move(*place)
     viewer.tool("click", 1)
-    time.sleep(0.3)
+    viewer.rest(0.3)
 
 
 def place_joints(viewer, places):
@@ -51,11 +50,12 @@ def drag_joint(viewer, bone, way):
 
 
 def scrub(viewer, tick):
-    """Put the playhead there; the panel is hidden.  Returns the tick."""
-    width, height = viewer.state()["size"]
-    x = STRIP_LEFT + (width - STRIP_LEFT - STRIP_RIGHT) * tick / SHOWN
+    """Put the playhead there; returns the tick."""
+    x, y = viewer.place("tracks")
+    right = viewer.state()["size"][0] - PADDING
+    left = 2.0 * x - right + NAMES
     before = viewer.state()["playhead"]
-    click(viewer, (x, height - STRIP_ABOVE))
+    click(viewer, (left + (right - 2.0 * KEY - left) * tick / SHOWN, y - RULER))
     viewer.wait(lambda: viewer.state()["playhead"] != before, 20, "the playhead moves")
     return viewer.next_state()["playhead"]
 

@@ -2,12 +2,15 @@
 
     python tests/support/watched_viewer.py model.npz --log-events
 
-"widgets" has the middle of each by its label, in points from the window's upper left corner.
+"widgets" has the middle of each by its label, in points from the window's upper left corner, and
+"pose" is a hash of where all vertices are, to the bit.
 With CLOSELY in the environment, states come with each frame or so and have "items", all that was
-drawn, with what it is and where; "popups", the lists and menus that are open; "failed", panels
-that failed; and "values", the numbers of settings, camera, material and timeline.
+drawn, with what it is and where; "twice", those that have an id that another one has; "popups",
+the lists and menus that are open; "failed", panels that failed; and "values", the numbers of
+settings, camera, material and timeline.
 """
 
+import hashlib
 import os
 import sys
 
@@ -20,6 +23,7 @@ CLOSELY = "WATCHED_CLOSELY"
 OFTEN = 0.05  # s between two states
 DRAWN = {}  # label: the number of the frame, x and y
 ITEMS = {}  # id: the number of the frame, and what is told of it
+TWICE = set()  # labels of which two have had one id in a frame: the one gets the other's clicks
 
 
 def watch():
@@ -36,6 +40,8 @@ def watch():
             place = 0.5 * (low.x + high.x), 0.5 * (low.y + high.y)
             DRAWN[label] = imgui.get_frame_count(), *place
             if closely:
+                if ITEMS.get(one["id"], (-1,))[0] == imgui.get_frame_count():
+                    TWICE.add(f"{label} in {one['window']}")
                 one["rect"] = low.x, low.y, high.x, high.y
                 one["on"] = result[-1] if isinstance(result, tuple) else result
                 ITEMS[one["id"]] = imgui.get_frame_count(), one
@@ -114,10 +120,12 @@ def main():
         scale = app.gui.scale
         shown = {n: [scale * x, scale * y] for n, (f, x, y) in DRAWN.items() if f == last}
         state = state_of(app) | {"widgets": shown}
+        state["pose"] = hashlib.sha1(app.scene.positions.tobytes()).hexdigest()
         if closely:
             sys.modules["deformrf.viewer.app"].STATE_SECONDS = OFTEN
             state["items"] = [one for frame, one in ITEMS.values() if frame == last]
             state |= {"popups": _popups(imgui), "failed": sorted(app.gui._failed)}
+            state["twice"] = sorted(TWICE)
             state |= {"values": _values(app), "said": app.recorder.message, "flying": app.fly.on}
             state["queued"] = len(imgui.get_current_context().input_events_queue)
             state |= {"scale": scale, "mode": app.controls.mode, "project": app.project}

@@ -46,6 +46,7 @@ class LiveViewer:
     """deformrf view in a window, and a hand on mouse and keyboard."""
 
     before: tuple[str, ...] = ()  # what the program is started by
+    rested = 0.0  # s that the hand has rested between its moves, whatever the program did
 
     def __init__(self, display, model, folder, *arguments):
         name, self._screen = display
@@ -121,14 +122,18 @@ class LiveViewer:
             (np.array(e["at"]) for e in self.state()["vertices"] if e["id"] == vertex), None
         )
 
+    def rest(self, seconds):
+        self.rested += seconds
+        time.sleep(seconds)
+
     def move(self, x, y):
         self.tool("mousemove", round(x), round(y))
-        time.sleep(0.15)
+        self.rest(0.15)
 
     def click(self, x, y):
         self.move(x, y)
         self.tool("click", 1)
-        time.sleep(0.2)
+        self.rest(0.2)
 
     def place(self, label):
         """Where a button, a field or an item of a menu is."""
@@ -144,7 +149,7 @@ class LiveViewer:
         self.tool("key", "ctrl+f")
         self.wait(lambda: self.state()["question"] == "dialog", 20, "the search is open")
         self.tool("type", words)
-        time.sleep(0.5)
+        self.rest(0.5)
         self.tool("key", "Return")
         self.wait(lambda: self.next_state()["question"] != "dialog", 20, f"{words!r} is done")
 
@@ -168,13 +173,13 @@ class LiveViewer:
         if press:
             self.move(*start)
             self.tool("mousedown", button)
-            time.sleep(0.2)
+            self.rest(0.2)
         for k in range(1, steps + 1):
             self.move(*(np.asarray(start) + np.asarray(way) * k / steps))
-        time.sleep(0.3)
+        self.rest(0.3)
         if release:
             self.tool("mouseup", button)
-            time.sleep(0.2)
+            self.rest(0.2)
 
     def pixels(self):
         """The screen as it is now.  [H, W, 3] uint8"""

@@ -129,8 +129,8 @@ def progress_window(takes) -> None:
     share = job.frame / max(job.count, 1)
     text = f"{job.frame} of {job.count}" if job.count else "starting"
     imgui.progress_bar(share, (FILM_WIDTH, 0.0), text)
-    if left is not None:
-        imgui.text_disabled(f"{left / 60.0:.0f} min left" if left > 90.0 else f"{left:.0f} s left")
-        imgui.same_line()
-    if imgui.small_button("End it here"):
+    if imgui.small_button("End it here"):  # before what comes later, which would move it
         job.stop()
+    if left is not None:
+        imgui.same_line()
+        imgui.text_disabled(f"{left / 60.0:.0f} min left" if left > 90.0 else f"{left:.0f} s left")

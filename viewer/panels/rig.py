@@ -79,7 +79,7 @@ def clips_panel(rigging, posing, strip, actions):
         text = f"%.2f of {clip.duration:.2f} s"
         slider("time", seconds, (0.0, clip.duration), text, partial(posing.scrub_clip, clip.name))
         slider("speed", posing.speed, SPEEDS, "%.2f", posing.set_clip_speed)
-    strip.clip_name = text_field("##clip", strip.clip_name, "a name", width=120.0)
+    strip.clip_name = text_field("##clip name", strip.clip_name, "a name", width=120.0)
     imgui.same_line()
     button(actions, "save_clip")
     imgui.pop_id()

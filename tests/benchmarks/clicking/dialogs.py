@@ -7,7 +7,7 @@ import zipfile
 from functools import partial
 
 from .hand import TEXTS, Gone
-from .widgets import use
+from .widgets import choose, use
 
 OPEN, SAVE = "open", "save as"
 SECONDS = 5.0  # until a window has answered
@@ -199,6 +199,8 @@ def _film_choices(hand, part):
         hand.stays = "film"
         try:
             use(hand, part, one, f"{one['kind']} {one['label']!r}")
+            if one["label"] in ("##size", "##format"):  # the last value has a field or a box
+                choose(hand, one, one["count"] - 1)
             hand.check(part, one["label"])
         finally:
             hand.stays = ""

@@ -107,7 +107,7 @@ class Hand(LiveViewer):
 
     def move(self, x, y):
         self.tool("mousemove", round(x), round(y))
-        time.sleep(0.03)
+        self.rest(0.03)
 
     def click(self, x, y):
         self.tool("mousemove", round(x), round(y), "click", 1)
@@ -145,6 +145,7 @@ class Hand(LiveViewer):
         """Look at everything after a step; returns the state."""
         state = self.fresh()
         found = [f"panel: {message}" for message in state["failed"]]
+        found += [f"two items have the id of {label}" for label in state["twice"]]
         found += [f"{name} is {value}" for name, value in _not_finite(state["values"])]
         found += [entry["line"] for entry in self.events("said")]
         found += self._logged()

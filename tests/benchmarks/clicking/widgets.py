@@ -112,26 +112,35 @@ def _on_and_off(hand, part, one, step):
         hand.reach_and_click(key, kind)
 
 
+def choose(hand, one, number) -> bool:
+    """Click on a value of a list, by its number; whether the list has opened."""
+    hand.next_state()  # what was chosen before may have moved it
+    if not hand.reach_and_click(one["id"], "combo"):
+        return False
+    for _ in range(20):
+        state = hand.fresh()
+        popups = [p for p in state["popups"] if "Combo" in p["name"]]
+        if not popups:
+            return False
+        popup, scale = popups[-1], state["scale"]
+        left, top, right, low = popup["rect"]
+        y = top + popup["padding"] + (number + 0.45) * popup["row"] - popup["scroll"]
+        if top + 2 < y < low - 2:
+            break
+        hand.move(scale * 0.5 * (left + right), scale * 0.5 * (top + low))
+        hand.tool("click", 5 if y >= low - 2 else 4)
+    hand.click(scale * (left + 20.0), scale * y)
+    return True
+
+
 def _choose_each(hand, part, one, step):
     """Every value of a list, the one that was chosen last."""
     count, chosen = one["count"], one["chosen"]
     for number in [*(n for n in range(count) if n != chosen), chosen]:
-        if not hand.reach_and_click(one["id"], "combo"):
-            return
-        for _ in range(20):
-            state = hand.fresh()
-            popups = [p for p in state["popups"] if "Combo" in p["name"]]
-            if not popups:
+        if not choose(hand, one, number):
+            if hand.item(one["id"], "combo") is not None:
                 hand.note(part, step, "its list doesn't open")
-                return
-            popup, scale = popups[-1], state["scale"]
-            left, top, right, low = popup["rect"]
-            y = top + popup["padding"] + (number + 0.45) * popup["row"] - popup["scroll"]
-            if top + 2 < y < low - 2:
-                break
-            hand.move(scale * 0.5 * (left + right), scale * 0.5 * (top + low))
-            hand.tool("click", 5 if y >= low - 2 else 4)
-        hand.click(scale * (left + 20.0), scale * y)
+            return
         hand.check(part, f"{step}, value {number}")
         hand.tally.tried(part, "values of lists")
         now = hand.item(one["id"], "combo")
@@ -158,7 +167,7 @@ def _type_each(hand, part, one, step, ctrl=False, share=None):
         hand.fresh()
         hand.keys("ctrl+a")
         hand.type(text)
-        hand.keys("Return")
+        hand.keys("Tab" if hand.stays else "Return")  # which would answer what is asked
         hand.check(part, f"{step}, {name}")
         hand.tally.tried(part, f"typed: {name}")
         hand.calm()

@@ -1,6 +1,7 @@
 """The Record button marks a part of a session, of which a process of its own makes a film."""
 
 import time
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -370,3 +371,26 @@ def test_the_frame_of_the_film_lies_over_the_view(app):
     ((_, _, width, height),) = drawn
     assert width == height <= app.window.height
     frames(app)
+
+
+def test_the_button_that_ends_a_film_stays_where_it_is(app, monkeypatch):
+    """Also when the film's second frame says how long it takes."""
+    from imgui_bundle import imgui
+
+    places, button = [], imgui.small_button
+
+    def placed(label):
+        pressed = button(label)
+        if label == "End it here":
+            low = imgui.get_item_rect_min()
+            places.append((low.x, low.y))
+        return pressed
+
+    monkeypatch.setattr(imgui, "small_button", placed)
+    job = SimpleNamespace(frame=0, count=0, seconds_left=None, ended=False, close=lambda: None)
+    app.takes.job = job
+    frames(app, 4)
+    job.frame, job.count, job.seconds_left = 2, 90, 1000.0
+    frames(app, 4)
+    assert len(places) > 6 and places[-1] == places[3]
+    app.takes.job = None

@@ -1,6 +1,7 @@
 """The section on bones, drawn in a window without a display; and its keys."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -64,6 +65,35 @@ def test_the_section_shows_bones_and_clips_of_the_model_and_what_is_chosen(app, 
     app.scene.rigging.selected = 0, "head"
     frames(app, 1)
     assert "2 bones; chosen: low, its head" in lines
+
+
+DRAWN = (
+    *("button", "small_button", "radio_button", "checkbox", "combo", "slider_float", "selectable"),
+    *("input_text", "input_text_with_hint", "input_int2", "color_edit3", "collapsing_header"),
+)
+
+
+@pytest.mark.parametrize("task", ["bend", "rig", "animate", "film", "view"])
+def test_no_two_items_of_a_task_have_one_id(app, monkeypatch, task):
+    """A click on the one would be taken for one on the other."""
+    from imgui_bundle import imgui
+
+    found = []
+
+    def noted(draw, label, *arguments, **named):
+        found.append((imgui.get_id(label), label))
+        return draw(label, *arguments, **named)
+
+    for name in DRAWN:
+        monkeypatch.setattr(imgui, name, partial(noted, getattr(imgui, name)))
+    app.scene.settings.task, app.scene.settings.show_timeline = task, True
+    app.scene.timeline.save_pose("pose")
+    app.scene.rigging.selected = 1, "tail"
+    frames(app, 2)
+    found.clear()
+    frames(app, 1)
+    ids = [one for one, _ in found]
+    assert len(ids) > 20 and not [label for one, label in found if ids.count(one) > 1]
 
 
 def test_keys_play_rest_key_and_save(app):
