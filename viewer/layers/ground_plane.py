@@ -6,6 +6,7 @@ shadow).  Points are the middles of sub-tets that can hold density, some thousan
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import moderngl
@@ -122,6 +123,7 @@ class OnGround(Protocol):
     cuts: RemainingField
 
 
+@cache
 def line_spacing(meters: float) -> float:
     """Meters between two lines of the ground under an object so long: 1, 2 or 5 · 10ⁿ."""
     wanted = max(meters, 1e-9) / LINES
@@ -148,10 +150,6 @@ class GroundPlane:
             return standing.solver.options.ground if settings.show_ground else None
         rests = settings.show_floor and standing.stands and standing.held
         return standing.floor if rests else None
-
-    @property
-    def shown(self) -> bool:
-        return self._height is not None
 
     def uniforms(self, unit: int) -> dict:
         """What the shader takes, with the shadow's texture in that unit."""

@@ -418,9 +418,11 @@ class RadianceLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw color and depth into the framebuffer in use."""
+        settings = self._drawn.settings
         scaled = self.shown.texture.size != (camera.width, camera.height)
-        smooth = scaled and self._drawn.settings.mode in SMOOTH_MODES
-        self._triangle = self._triangle_for(smooth)
+        smooth = scaled and settings.mode in SMOOTH_MODES
+        ground = self._ground.uniforms(unit=2)
+        self._triangle = self._triangle_for(smooth, bool(ground))
         (width, height), (x, y) = (camera.width, camera.height), camera.lens.center
         gl.set_uniforms(
             self._triangle.program,
@@ -428,31 +430,27 @@ class RadianceLayer:
             field_depth=1,
             field_size=self.shown.texture.size,
             texel=height / self.shown.height / camera.focal,
-            background=self._drawn.settings.background,
+            background=settings.background,
             squares=(width / CHECKER_SIZE, height / CHECKER_SIZE),
-            checkerboard=self._drawn.settings.checkerboard,
+            checkerboard=settings.checkerboard,
             transparent=self.transparent,
             extent=(width / camera.lens.focal[0], height / camera.lens.focal[1]),
             axis=(x / width, y / height),
             parallel=camera.parallel,
             camera_to_world=camera.camera_to_world,
-            **self._ground.uniforms(unit=2),
+            **ground,
             depth_terms=gl.depth_terms(*clip_range, camera.parallel),
         )
         partly = smooth or self.shown.part is not None
-        box = self._object_part(camera) if partly and self._is_plain else None
+        several = ground or settings.checkerboard or self.transparent  # colors behind it
+        plain = self.device.is_cpu and not several  # OpenGL is perhaps as slow as the renderer
+        box = self._object_part(camera) if partly and plain else None
         if box is not None:
-            background = np.round(255.0 * np.array(self._drawn.settings.background)) / 255.0
+            background = np.round(255.0 * np.array(settings.background)) / 255.0
             self._ctx.clear(*background, 1.0, depth=1.0)
             self._ctx.scissor = box
         self._draw_triangle()
         self._ctx.scissor = None
-
-    @property
-    def _is_plain(self):
-        """Whether the background is one color, and OpenGL perhaps as slow as the renderer."""
-        several = self._drawn.settings.checkerboard or self._ground.shown or self.transparent
-        return self.device.is_cpu and not several
 
     def _object_part(self, camera):
         """Where the shown picture is more than background: x, y, width, height, y up [pixels]."""
@@ -473,9 +471,9 @@ class RadianceLayer:
         width, height = int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
         return x, y, max(width, 1), max(height, 1)
 
-    def _triangle_for(self, smooth):
+    def _triangle_for(self, smooth, has_ground):
         """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
-        defines = ("SMOOTH",) * smooth + ("GROUND",) * self._ground.shown
+        defines = ("SMOOTH",) * smooth + ("GROUND",) * has_ground
         defines += ("BUFFER",) * self.shown.texture.is_buffer
         if defines not in self._triangles:
             self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)

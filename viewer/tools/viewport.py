@@ -26,11 +26,15 @@ class Viewport:
         self.press_at = np.zeros(2)  # where the button went down
         self.depth_image = depth_image
         self.viewpoint = viewpoint
+        self._camera = None, None, None  # its orbit, what else it follows from, and itself
 
     @property
     def camera(self):
-        orbit = self.viewpoint.orbit
-        return in_free_part(camera_of(orbit, *self.size), self.covered, self.ratio)
+        orbit, view = self.viewpoint.orbit, (self.size, self.covered, self.ratio)
+        if orbit is not self._camera[0] or view != self._camera[1]:
+            camera = in_free_part(camera_of(orbit, *self.size), self.covered, self.ratio)
+            self._camera = orbit, view, camera
+        return self._camera[2]
 
     def pixel(self, x, y):
         """From a position in the window to the middle of the image's pixel.  [2]"""
