@@ -52,8 +52,7 @@ class FrameTimes:
             self._kept.append((now, now - self._last, dict(self._now)))
         for name, value in self._now.items():
             self._tasks[name].append(value)
-        self.rest()
-        self._last = now
+        self._last, self._now = now, dict.fromkeys(TASKS, 0.0)
 
     def rest(self) -> None:
         """No frame follows for a while: the time until the next one belongs to no frame."""

@@ -13,7 +13,7 @@ threads renders tiles of the image.
 """
 
 import io
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -317,8 +317,8 @@ class Renderer:
         ball = ball_around(self.pose.vertices.numpy())
         ball = ball if is_far(camera.position, ball) else None
         starts = _tile_starts(faces.row_work(), rows, max(CPU_TILE_RAYS // camera.width, 1))
-        starts = [camera.width * row for row in starts]
-        capacity = max((end - start for start, end in pairwise(starts)), default=0)
+        starts = camera.width * np.array(starts, np.int32)
+        capacity = int(np.diff(starts).max(initial=0))
         plain = ball is None and options.path != "merge" and self.stage.seconds is None
         # A pose is taken for one like the last one, with overlap or without.
         if plain and not (self.overlap.expected and self.overlap.exists()):
@@ -344,7 +344,7 @@ class Renderer:
             memory.finish(count, options.background, self._tet_ids, start, image, skipped)
             return sample_count
 
-        return sum(self._pool.map(render_tile, pairwise(starts)))
+        return sum(self._pool.map(render_tile, pairwise(starts.tolist())))
 
     def _render_plain_tiles(self, tiles, capacity, options) -> int:
         """Render tiles as if nothing overlapped, and find out meanwhile."""
@@ -359,7 +359,7 @@ class Renderer:
             self.overlap.exists()
         finally:
             wait(running)
-        return sum(future.result() for future in running)
+        return sum(map(Future.result, running))
 
     def _tile_memory(self, capacity) -> TileMemory:
         """This thread's memory, for tiles of at most `capacity` rays."""

@@ -172,7 +172,11 @@ class Canvas:
     def show(self) -> None:
         """Copy it to the window, whose framebuffer has the same size."""
         self._ctx.screen.use()
-        self._ctx.viewport = (0, 0, *self.size)  # moderngl remembers the size of the first window
+        self._ctx.viewport = (
+            0,
+            0,
+            *self._framebuffer.size,
+        )  # moderngl remembers the size of the first window
         self._ctx.enable_only(moderngl.NOTHING)
         self._framebuffer.color_attachments[0].use(0)
         self._blit.program["image"].value = 0
