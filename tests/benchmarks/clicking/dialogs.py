@@ -170,7 +170,7 @@ def _film_fields(hand):
             hand.type(text)
             hand.keys("Tab")
             hand.check(part, f"{label} {name}")
-            if label == "##name" or name in ("root", "long"):
+            if label == "##name" or name == "long":  # root may write into "/"
                 hand.reach_and_click("Render", "button")
                 hand.check(part, f"{label} {name}, Render")
                 _end_film(hand)
