@@ -170,7 +170,7 @@ def _film_fields(hand):
             hand.type(text)
             hand.keys("Tab")
             hand.check(part, f"{label} {name}")
-            if label == "##name" or name in ("root", "long"):
+            if label == "##name" or name == "long":  # root may write into "/"
                 hand.reach_and_click("Render", "button")
                 hand.check(part, f"{label} {name}, Render")
                 _end_film(hand)
@@ -213,6 +213,7 @@ def _end_film(hand):
         hand.tally.tried("dialog film", "films begun and ended")
         if not _soon(hand, lambda state: "End it here" in state["widgets"]):
             hand.note("dialog film", "end it here", "there is no such button")
+        hand.next_state()  # in its first frame the window isn't where it will be
         hand.reach_and_click("End it here", "small_button")
         hand.wait(lambda: not hand.next_state()["films"], 60, "the film is ended")
         hand.check("dialog film", "end it here")
