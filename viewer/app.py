@@ -13,14 +13,13 @@ from pathlib import Path
 import pyglet
 from pyglet.window import key
 
-from ..core.base.paths import PROJECT
 from . import logs, preferences, showing
 from .actions import BoundActions, action_of, placed_photograph
 from .camera import CameraHistory, Covered, clip_range
 from .document import Autosave, Strip, autosave_folder
 from .events import state_of
 from .files import Opening, Problem, readable
-from .films import Recorder, Takes, stamped, without_background
+from .films import Recorder, Takes, without_background
 from .layers import Canvas, PhotoLayer
 from .parts import call
 from .playing import Playing
@@ -375,12 +374,12 @@ class App:
         return problem
 
     def save_project(self, path: Path | None = None) -> str:
-        """Write a project, by default the one that is open, else one in the current folder.
+        """Write a project, by default the one that is open, else one where dialogs begin.
 
         Returns:
             A sentence if that fails, else an empty string.
         """
-        path = path or self.project or stamped("project", PROJECT)
+        path = path or self.opening.path
         problem = self.recorder.save_project(self.scene, self.session_start, path)
         if not problem:
             self.project = path.absolute()

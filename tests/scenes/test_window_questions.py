@@ -94,17 +94,18 @@ def test_fields_dialogs_and_the_question_before_the_end(start, tmp_path):
     assert not list(tmp_path.glob("*.jsonl")) and not list(tmp_path.glob("state/*/sessions/*"))
 
 
-def test_enter_saves_and_the_session_opens(start, tmp_path):
+def test_enter_saves_beside_what_was_opened(start, ball_file, tmp_path):
     viewer = start()
     bend(viewer)
     viewer.tool("key", "ctrl+q")
     asked(viewer, "leaving")
     viewer.tool("key", "Return")
     assert viewer.process.wait(20) == 0
-    (path,) = tmp_path.glob("project-*.deformrf")
+    path = ball_file.with_suffix(".deformrf")
     assert "grab" in zipfile.ZipFile(path).read("session.jsonl").decode() and not list(
         tmp_path.glob("state/*/sessions/*")
     )
+    path.unlink()
 
 
 def test_signals_keep_the_session_and_the_next_start_offers_it(start, tmp_path):

@@ -13,6 +13,7 @@ def opened(window, ball, monkeypatch, tmp_path):
 
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setenv("HOME", str(tmp_path / "here"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     made = App(*window, EventLog(False))
     made.load(ball, "ball", "cpu")

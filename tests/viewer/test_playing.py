@@ -255,9 +255,10 @@ def test_a_project_that_cant_be_saved_is_told_of(app, work, tmp_path):
     assert app.project == work and app.scene.journal.unsaved
 
 
-def test_without_a_name_a_project_goes_into_the_current_folder(app, tmp_path):
-    assert app.save_project() == ""
-    assert app.project.parent == tmp_path and app.project.suffix == ".deformrf"
+def test_without_a_name_a_project_goes_where_dialogs_begin(app, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "ball.deformrf").touch()
+    assert app.save_project() == "" and app.project == tmp_path / "ball-2.deformrf"
 
 
 def test_a_damaged_project_keeps_the_scene(app, work):

@@ -72,7 +72,7 @@ def test_enter_saves_and_ends(worked, ball, tmp_path):
     send(worked, "on_key_press", key.RETURN, 0)
     worked.run()
     worked.end()
-    (path,) = (tmp_path / "here").iterdir()
+    (path,) = (tmp_path / "here").glob("*.deformrf")
     assert "set_ground" in [event.name for event in load_project(path).session.events]
     assert not kept.exists() and left_behind(autosave_folder(), ball.mesh) is None
 
@@ -85,7 +85,7 @@ def test_only_discard_removes_what_is_kept(worked, places, label, tmp_path):
     click(worked, places[label])
     assert worked.window.has_exit == (label == "Quit without saving")
     worked.end()
-    assert kept.exists() == (label == "Cancel") and not list((tmp_path / "here").iterdir())
+    assert kept.exists() == (label == "Cancel") and not list((tmp_path / "here").glob("*.deformrf"))
 
 
 def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(
@@ -104,7 +104,7 @@ def test_work_that_cant_be_saved_keeps_the_window_open_and_says_why(
     monkeypatch.setenv("HOME", str(tmp_path))
     send(worked, "on_key_press", key.RETURN, 0)
     worked.run()
-    assert len(list(tmp_path.glob("project-*.deformrf"))) == 1
+    assert len(list(tmp_path.glob("ball.deformrf"))) == 1
 
 
 def test_save_writes_into_the_project_that_is_open(worked, tmp_path):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ...core import field as fields
 from ...core.base.arguments import plain_message
-from ...core.base.paths import PROJECT, ROOT, is_project
+from ...core.base.paths import PROJECT, ROOT, free_name, is_project
 from ...core.base.streams import printable
 from ...core.training import has_cameras, photo_folder
 from ...wings import capture
@@ -51,15 +51,19 @@ class Opening:
 
     def ask_where(self, save: Callable[[Path], str]) -> None:
         """Let the user choose where to save a project; `save` returns a sentence if it can't be."""
-        app = self._app
-        name = app.project.name if app.project else f"{app.scene.name}{PROJECT}"
-        self._show("Save as", self.folder, (PROJECT,), save, name)
+        path = self.path
+        self._show("Save as", path.parent, (PROJECT,), save, path.name)
 
     def _show(self, title, folder, endings, chosen, name=""):
         if not self.native:
             self._app.questions.dialog = FileDialog(title, folder, endings, chosen, name)
         elif self._dialog is None:
             self._dialog = NativeDialog(title, folder / name, endings, bool(name), chosen)
+
+    @property
+    def path(self) -> Path:
+        """Where a project is saved: in the open one, else under a free name where dialogs begin."""
+        return self._app.project or free_name(self.folder / self._app.scene.name, PROJECT)
 
     @property
     def folder(self) -> Path:
