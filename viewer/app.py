@@ -24,6 +24,7 @@ from .layers import Canvas, PhotoLayer
 from .parts import call
 from .playing import Playing
 from .questions import Questions
+from .settings import OF_BONES
 from .times import FrameTimes
 from .training import Watcher, offer_of
 
@@ -315,7 +316,9 @@ class App:
         if keep and not in_clips:
             self._record_view()
         self.handle_layer.draw(camera, clips)
-        self.bone_layer.draw(camera, clips, self.controls.bones.place)
+        settings = self.scene.settings
+        if self.gui is None or settings.task != "bend" or settings.tool in OF_BONES:
+            self.bone_layer.draw(camera, clips, self.controls.bones.place)
         if keep and in_clips:
             self._record_view()
 
