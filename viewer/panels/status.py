@@ -67,7 +67,6 @@ def state_line(scene) -> str:
 
 def pause_line(scene, actions) -> str:
     """What the view says while time stands still, of bending too; else empty."""
-    key, is_posed = actions.label("pause"), scene.settings.hand == "pose"
-    follows = "" if is_posed else "; what you bend follows then"
+    follows = "; what you bend follows then" * (scene.settings.hand == "physics")
     follows = ", and so does bending" if scene.timeline.stands else follows
-    return f"paused: {key} goes on{follows}" * (state_line(scene) == "paused")
+    return f"paused: {actions.label('pause')} goes on{follows}" * (state_line(scene) == "paused")
