@@ -207,7 +207,7 @@ def test_the_clip_button_starts_and_ends_a_clip(app, widgets, monkeypatch, tmp_p
     click(app, [at for label, _, at in widgets if label == "Record the screen"][-1])
     assert app.recorder.video is not None
     frames(app, 3)
-    click(app, [at for label, _, at in widgets if label == "Stop the clip"][-1])
+    click(app, [at for label, _, at in widgets if label == "Stop recording the screen"][-1])
     assert app.recorder.video is None
     assert len(list(tmp_path.glob("deformrf-*.mp4"))) == 1
 

@@ -31,9 +31,9 @@ for _name, _what, _key_name, _menu, _help in (
 
 
 @action(
-    *("play the timeline, or stop", "ENTER", "Animate/-Play"),
+    *("play the timeline, or stop", "ENTER", "Animate/-Play timeline"),
     on=lambda timeline: timeline.playing,
-    stop="Stop",
+    stop="Stop timeline",
 )
 def play(timeline, controls, say):
     if timeline.playing:
@@ -95,6 +95,8 @@ def save_pose(timeline, strip, say):
     strip.pose_name = ""
 
 
-@action("play again and again", menu="Animate/Loop", on=lambda timeline: timeline.loop)
+@action(
+    "the timeline plays again and again", menu="Animate/Loop", on=lambda timeline: timeline.loop
+)
 def toggle_loop(timeline):
     timeline.set_loop(not timeline.loop)

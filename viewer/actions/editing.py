@@ -15,7 +15,7 @@ gesture("Ctrl+click on a red point", "select it no longer")
 gesture("double click on the object", "a new red point there")
 gesture("click on a gray pin", "free it")
 gesture("wheel while dragging", "take more or less along")
-gesture("click on a golden point", "let it go; a drag has left it there")
+gesture("click on a violet point", "let it go; a drag has left it there")
 
 
 @action("undo", "CTRL+Z", "Edit/Undo")
@@ -36,7 +36,7 @@ def pin(controls):
 
 
 @action(
-    "what a drag lets go stays there, as a golden point; or it springs back",
+    "what a drag lets go stays there, as a violet point; or it springs back",
     *("N", "Edit/Stays when let go"),
     on=has("hand", "pose"),
 )

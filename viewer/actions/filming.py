@@ -40,7 +40,7 @@ def frame_guide(takes):
     "a video of the view as it shows, coarse while things move",
     *("SHIFT+F9", "Film/-Record the screen"),
     on=lambda recorder: recorder.video is not None,
-    stop="Stop the clip",
+    stop="Stop recording the screen",
 )
 def record_screen(recorder):
     recorder.start_or_stop()
@@ -59,8 +59,8 @@ toggle(
 )
 toggle(
     "handles_in_clips",
-    "clips and pictures have red points and bones in them",
-    menu="Film/Red points in clips and pictures",
+    "pictures and clips of the screen have red points and bones in them; films are asked for",
+    menu="Film/Red points in pictures and screen clips",
 )
 toggle(
     "panel_in_screenshots",

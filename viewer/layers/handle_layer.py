@@ -17,7 +17,7 @@ from . import gl
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
 SELECTED = (1.0, 0.62, 0.0)
-GOLD = (0.80, 0.58, 0.10)  # posed
+VIOLET = (0.55, 0.20, 0.80)  # posed
 STIFF_BLUE, SOFT_PINK = (0.10, 0.12, 0.50), (1.0, 0.75, 0.72)
 BALL_GRAY = (0.72, 0.72, 0.75)
 PIN_BLUE = (0.42, 0.50, 0.62)
@@ -124,7 +124,7 @@ def sphere_instances(drawn: WithSpheres):
     instances[: len(pin_ids), 4:] = PIN_BLUE
     if drawn.body.factors is not None:
         instances[len(pin_ids) :, 4:] = stiffness_tints(handles.factors(control_ids))
-    instances[np.isin(ids, handles.posed), 4:] = GOLD
+    instances[np.isin(ids, handles.posed), 4:] = VIOLET
     instances[np.isin(ids, handles.selected), 4:] = SELECTED
     if handles.hover is not None:
         instances[ids == handles.hover, 3] = HOVER_SCALE * drawn.handle_radius

@@ -41,12 +41,6 @@ AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
 DAMPING = "how fast vibrations fade"
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
-HELD_BY = {
-    "pins": "its pins",
-    "weight": "its weight",
-    "wind": "the wind",
-    "colliders": "what it touches",
-}
 YIELD = "how far edges are strained before they stay so"
 AIR = "how fast it brakes what moves"
 TAKES = "how far around the mouse a drag takes the object along; the wheel does it, too"
@@ -60,13 +54,9 @@ AMOUNT_WIDTH = 88.0  # points
 STEPS_SHOWN = 8  # of what was done
 
 
-def bend_panel(
-    scene, clock, solver, body, cuts, handles, field, settings, controls, gui, times, actions
-):
+def bend_panel(scene, body, cuts, handles, field, settings, controls, gui, times, actions):
     """What a beginner needs first; physics under *Advanced*."""
     buttons(actions, "pause", "reset")
-    imgui.same_line()
-    imgui.text_disabled(state_line(clock, solver))
     if section("Hand"):
         text = f"{100.0 * settings.grab_radius:.0f} %% of its size"
         number_setting("takes along", settings, "grab_radius", GRAB_RADII, text, 0, TAKES)
@@ -141,16 +131,6 @@ def title_of(handles, handle, vertex_count) -> str:
     """A handle's name; else its number among the vertices, or among the points in the object."""
     number = handle - vertex_count
     return handles.names.get(handle) or (f"vertex {handle}" if number < 0 else f"point {number}")
-
-
-def state_line(clock, solver) -> str:
-    if solver.rescue.running:
-        return "rescuing ..."
-    if solver.rescue.given_up:
-        return "tangled: take Original shape"
-    if solver.rescue.held_by:
-        return f"folded by {HELD_BY[solver.rescue.held_by]}"
-    return "paused" if clock.paused else "moving" if clock.moving else "at rest"
 
 
 def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):

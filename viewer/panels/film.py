@@ -30,13 +30,10 @@ IN_PICTURES = "toggle_handles_in_clips", "toggle_panel_in_screenshots"  # boxes
 RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
 
 
-def filming_panel(takes, recorder, actions):
+def filming_panel(recorder, actions):
     """Pictures, recordings, films."""
     buttons(actions, "record", "save_film", "screenshot", "record_screen")
-    line, video = recording_line(takes, recorder), recorder.video
-    if line:
-        imgui.text_colored(RECORDING_RED, line)
-    if video:
+    if video := recorder.video:
         told = f"{video.repeated_count} repeated, {video.dropped_count} left out"
         imgui.text(f"{video.frame_count} frames, {told}")
     for name in ("frame_guide", "toggle_transparent", *IN_PICTURES):
@@ -65,13 +62,14 @@ def film_window(takes) -> None:
     imgui.end_child()
     is_good = choices.name and not takes.why_not(choices.what)
     seconds = takes.film_seconds(choices.what)
-    known = f"a film of {seconds:.1f} s; {takes.estimator.line}" if is_good else ""
+    known = f"{seconds:.1f} s long; rendering: {takes.estimator.line}" if is_good else ""
     imgui.push_text_wrap_pos(FILM_WIDTH)
     imgui.text_wrapped(readable(takes.problem or known))
     imgui.pop_text_wrap_pos()
     imgui.begin_disabled(not is_good)
     if (imgui.button("Render") or was_entered()) and is_good:
         takes.start_film()
+    imgui.set_item_tooltip(f"writes {readable(choices.path)}")
     imgui.end_disabled()
     imgui.same_line()
     if imgui.button("Cancel"):
@@ -93,11 +91,12 @@ def _kinds(takes):
 
 def _picture(choices, window_size):
     """Its size, rate and looks."""
-    sizes = {f"{size}{FORMS.get(size, '')}": size for size in SIZES}
+    sizes = {size.replace("x", " x ") + FORMS.get(size, ""): size for size in SIZES}
     choice_setting("size", choices, "size", sizes)
     if choices.size == FREE:
         sides("width, height", choices, "free_size")
-    imgui.text_disabled(choices.size_line(window_size))
+    if choices.size not in FORMS:  # which say so themselves
+        imgui.text_disabled(choices.size_line(window_size))
     choice_setting("frames a second", choices, "fps", RATES)
     choice_setting("samples", choices, "samples", SAMPLE_COUNTS, SAMPLES_TOOLTIP)
     choice_setting("format", choices, "format", list(FORMATS))
@@ -108,7 +107,7 @@ def _picture(choices, window_size):
     imgui.begin_disabled(not choices.can_be_transparent)
     setting("transparent", choices, "transparent")
     imgui.end_disabled()
-    setting("red points and bones in it", choices, "handles")
+    setting("red points and bones in this film", choices, "handles")
 
 
 def _file(choices, problem):
@@ -118,7 +117,7 @@ def _file(choices, problem):
     flags = imgui.InputTextFlags_.auto_select_all.value
     choices.name = imgui.input_text(named("name"), choices.name, flags)[1]
     choices.folder = text_field(named("folder"), choices.folder, FOLDER_HINT)
-    imgui.text_disabled(readable(choices.path) if choices.name else "a film needs a name")
+    imgui.text_wrapped(readable(choices.path) if choices.name else "a film needs a name")
 
 
 def progress_window(takes) -> None:

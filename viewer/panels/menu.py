@@ -14,14 +14,13 @@ from ..settings import HANDS, KEYS
 from .widgets import button, icon, segments
 
 BETWEEN = 16.0  # points between two groups at the right
-SEARCH_WIDTH = 150.0
-UNDO = {"rotate_left": "undo", "rotate_right": "redo"}  # icons, and what they call
+SEARCH_WIDTH, ICON_WIDTH = 150.0, 32.0  # of the search with its words, and without
 KEYS_TITLE, KEYS_CLOSE = "Keys:", "x"
 KEYS_LATER = "The menu Help has them, too"
 HAND_TITLE, HAND_WORDS = "When let go:", dict(zip(HANDS, ("springs back", "stays"), strict=True))
 HAND_TOLD = {
     "physics": "What you let go swings back",
-    "pose": "What you let go stays where it is, golden; a click on it frees it",
+    "pose": "What you let go stays where it is, violet; a click on it frees it",
 }
 LINE = "-"  # before a title, under which a line is drawn
 
@@ -55,17 +54,21 @@ def _after_line(menu, title):
 TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 
 
-def menu_bar(settings, handles, actions, preferences, opening) -> None:
+def menu_bar(settings, handles, journal, actions, preferences, opening) -> None:
     """Draw it along the window's upper edge: at the right what there is space for."""
     _items(TREES[settings.keys], actions, preferences, opening)
-    for glyph, action in UNDO.items():
-        button(actions, action, f"{icon(glyph)}##{action}")
+    for way, action, label in (("left", "undo", journal.undoes), ("right", "redo", journal.redoes)):
+        imgui.begin_disabled(not label)
+        button(actions, action, f"{icon(f'rotate_{way}')}##{action}")
+        imgui.end_disabled()
     left = imgui.get_cursor_pos_x()
     end = imgui.get_window_width() - imgui.get_style().window_padding.x
     offered = offer_width() + BETWEEN if offers_keys(preferences, settings) else 0.0
-    titled = end - switch_width(True) > left + offered + SEARCH_WIDTH + BETWEEN
+    titled = end - switch_width(True) > left
     right = end - switch_width(titled)
-    place = right - SEARCH_WIDTH - BETWEEN
+    worded = right - SEARCH_WIDTH - BETWEEN > left + offered
+    width = SEARCH_WIDTH if worded else ICON_WIDTH
+    place = right - width - BETWEEN
     if place > left:
         keys_place = place - offered
         if offered and keys_place > left:
@@ -73,8 +76,8 @@ def menu_bar(settings, handles, actions, preferences, opening) -> None:
             keys_offer(settings, actions)
             imgui.same_line()
         imgui.set_cursor_pos_x(place)
-        label = f"{icon('magnifying_glass')}  Search   {actions.label('search')}"
-        button(actions, "search", label, width=SEARCH_WIDTH)
+        words = f"  Search   {actions.label('search')}" * worded
+        button(actions, "search", icon("magnifying_glass") + words, width=width)
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
     hand_switch(settings, handles, actions, titled)
 

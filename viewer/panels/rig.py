@@ -63,7 +63,6 @@ def _choose(posing, name):
 
 def clips_panel(rigging, posing, strip, actions):
     """What plays, and how a clip is made of the timeline's keys."""
-    imgui.push_id("clips")  # the timeline has buttons of these names, too
     clip = posing.chosen
     if clip is None:
         imgui.text_wrapped(NO_CLIPS)
@@ -82,4 +81,3 @@ def clips_panel(rigging, posing, strip, actions):
     strip.clip_name = text_field("##clip name", strip.clip_name, "a name", width=120.0)
     imgui.same_line()
     button(actions, "save_clip")
-    imgui.pop_id()

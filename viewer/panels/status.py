@@ -2,10 +2,11 @@
 
 from imgui_bundle import imgui
 
-from .bend import state_line
+from ..style import accent
 from .film import RECORDING_RED, recording_line
 
 BETWEEN = 18.0  # points
+HELD_BY = {"pins": "its pins", "weight": "its weight", "wind": "the wind", "colliders": "contact"}
 
 
 def status_height() -> float:
@@ -13,26 +14,34 @@ def status_height() -> float:
     return imgui.get_frame_height()
 
 
-def status_line(
-    controls, clock, solver, handles, times, radiance, fly, takes, recorder, actions
-) -> None:
-    """Draw it into the window that is being built."""
-    right = _facts(clock, solver, handles, times, radiance, actions.label("pause"))
-    width = imgui.calc_text_size(right).x
-    sign = recording_line(takes, recorder)
+def status_line(scene, controls, times, radiance, fly, takes, recorder, actions) -> None:
+    """Draw it into the window that is being built: how fast things are if there is space."""
+    sign, hint, state = recording_line(takes, recorder), hint_of(controls, fly), state_line(scene)
     if sign:
         imgui.text_colored(RECORDING_RED, sign)
         imgui.same_line(0.0, BETWEEN)
-    corner, whole = imgui.get_cursor_screen_pos(), imgui.get_window_width()
-    end = imgui.get_window_pos().x + whole - width - 2.0 * BETWEEN
-    hint = hint_of(controls, fly)
-    size, lines = imgui.calc_text_size(hint), imgui.get_window_draw_list()
-    if end > corner.x:
-        low = corner.x + min(size.x, end - corner.x), corner.y + size.y
-        imgui.internal.render_text_ellipsis(lines, corner, low, end, hint, size)
+    color = accent(scene.settings.theme)
+    if state in ("moving", "still", "playing"):
+        color = imgui.get_style_color_vec4(imgui.Col_.text_disabled.value)
+    state += f" ({actions.label('pause')}: go on)" * (state == "paused")
+    count, fps = len(scene.handles.selected), 1.0 / max(times.frame_seconds(), 1e-6)
+    facts = f"   {count} point{'s' * (count != 1)} selected" * bool(count)
+    speed = f"   {radiance.refined:.0%} sharp   {fps:.0f} fps"
+    at, left = imgui.get_cursor_screen_pos(), imgui.get_cursor_pos_x()
+    right, size = imgui.get_window_width() - BETWEEN, imgui.calc_text_size(hint)
+    for told in (facts + speed, facts):
+        place = right - imgui.calc_text_size(state + told).x
+        if left + size.x + BETWEEN <= place:
+            break
+    end = at.x + place - left - BETWEEN
+    if end > at.x:
+        low, lines = (min(at.x + size.x, end), at.y + size.y), imgui.get_window_draw_list()
+        imgui.internal.render_text_ellipsis(lines, at, low, end, hint, size)
     imgui.dummy((1.0, size.y))
-    imgui.same_line(max(whole - width - BETWEEN, 1.0))
-    imgui.text_disabled(right)
+    imgui.same_line(max(place, 1.0))
+    imgui.text_colored(color, state)
+    imgui.same_line(0.0, 0.0)
+    imgui.text_disabled(told)
 
 
 def hint_of(controls, fly) -> str:
@@ -44,14 +53,20 @@ def hint_of(controls, fly) -> str:
     return f"{controls.tool.word}: {controls.tool.hint}"
 
 
-def _facts(clock, solver, handles, times, radiance, key):
-    fps, state = 1.0 / max(times.frame_seconds(), 1e-6), state_line(clock, solver)
-    facts = [
-        state + f" ({key}: go on)" * (state == "paused"),
-        f"{radiance.refined:.0%} sharp",
-        f"{fps:.0f} fps",
-    ]
-    count = len(handles.selected)
-    if count:
-        facts.insert(0, f"{count} point{'s' * (count != 1)} selected")
-    return "   ".join(facts)
+def state_line(scene) -> str:
+    """What the object does."""
+    rescue, clock = scene.solver.rescue, scene.clock
+    if rescue.running or rescue.given_up:
+        return "rescuing ..." if rescue.running else "tangled: take Original shape"
+    if rescue.held_by:
+        return f"folded by {HELD_BY[rescue.held_by]}"
+    if scene.timeline.shows_poses or scene.posing.playing:
+        return "playing"
+    return "paused" if clock.paused else "moving" if clock.moving else "still"
+
+
+def pause_line(scene, actions) -> str:
+    """What the view says while time stands still, of bending too; else empty."""
+    follows = "; what you bend follows then" * (scene.settings.hand == "physics")
+    follows = ", and so does bending" if scene.timeline.stands else follows
+    return f"paused: {actions.label('pause')} goes on{follows}" * (state_line(scene) == "paused")

@@ -31,6 +31,7 @@ RULER, LANE = 20.0, 22.0  # heights
 NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
+WIDE = 780.0  # of a strip with space for whole words
 TURNS = 1.0, 60.0  # s
 STEPS = """1  Pose the object and turn the view. {key} keeps both, as a key.
 2  Move the red line, and make the next key.
@@ -40,7 +41,6 @@ physics moves what the keys hold, pinned or by the mouse, and the rest follows;
 between poses of bones, bones turn, and softness says what follows them"""
 EASING = "on the way from this key to the next one"
 HINT = "{} sets a key at the playhead. Drag keys to move them, with Ctrl to copy them."
-STANDS = "Time stands still at this pose. A drag or {} lets it go on; {} keys what you make of it."
 GRAYS = {  # ruler, lanes, lines, text, a key's edge, a chosen key's, what is beyond the end
     "dark": (0.21, 0.17, 0.35, 0.65, 0.12, 1.0, 0.12),
     "light": (0.89, 0.94, 0.85, 0.38, 1.0, 0.0, 0.98),
@@ -59,7 +59,8 @@ def timeline_strip(timeline, strip, settings, actions, say):
 
 
 def _buttons(timeline, strip, actions):
-    button(actions, "play")
+    is_wide = imgui.get_content_region_avail().x >= WIDE
+    button(actions, "play", "" if is_wide else actions.title("play").partition(" ")[0])
     imgui.same_line()
     action_box(actions, "toggle_loop")
     imgui.same_line()
@@ -154,10 +155,8 @@ def _diamond(draw, x, y, fill, edge):
 def _chosen_key(timeline, strip, actions):
     chosen = strip.chosen(timeline)
     if chosen is None:
-        stands = timeline.stands and not timeline.playing
-        labels = [actions.label(action) for action in ("pause", "key")[not stands :]]
         imgui.align_text_to_frame_padding()
-        imgui.text_disabled((STANDS if stands else HINT).format(*labels))
+        imgui.text_disabled(HINT.format(actions.label("key")))
         return
     track, tick = chosen
     (key,) = (key for key in timeline.keys[track] if key.tick == tick)

@@ -103,7 +103,7 @@ def camera_panel(viewpoint, settings, actions):
     buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
     _lens(viewpoint, actions)
     if settings.grab_anywhere:
-        choice_setting("orbit with", settings, "orbit_key", ORBIT_KEYS, ORBIT)
+        choice_setting("orbit on the object with", settings, "orbit_key", ORBIT_KEYS, ORBIT)
     _saved(viewpoint, actions)
 
 
@@ -158,12 +158,12 @@ def window_panel(settings):
 
 def speed_panel(settings, radiance, times, ctx):
     """How finely things are rendered while they move, and how long frames take."""
-    tooltip = "while things move; at rest the image is refined to full resolution"
+    tooltip = "while things move; when all is still, the image is refined to full resolution"
     choice_setting("resolution", settings, "fixed_resolution", RESOLUTIONS, tooltip)
     if settings.fixed_resolution is None:
         tooltip, text = "the resolution while things move follows it", "%.0f frames/s"
         number_setting("target", settings, "target_fps", TARGETS, text, LOGARITHMIC, tooltip)
-    setting("average shifted images at rest", settings, "accumulate", SHIFTED_TOOLTIP)
+    setting("average shifted images when still", settings, "accumulate", SHIFTED_TOOLTIP)
     for line in shown_lines(radiance, times):
         imgui.text_disabled(line)
         imgui.set_item_tooltip(SHOWN_TOOLTIP)

@@ -44,9 +44,9 @@ def action_box(actions, action, tooltip="") -> None:
 
 def delete_button(delete, name) -> None:
     """A small button that deletes what is called so."""
-    if imgui.small_button("x"):
+    if imgui.small_button(icon("trash_can")):
         delete(name)
-    imgui.set_item_tooltip("delete it")
+    imgui.set_item_tooltip(f"delete {name}")
 
 
 def _call(actions, action, on):
@@ -60,8 +60,9 @@ def named(label):
         return label
     imgui.align_text_to_frame_padding()
     imgui.text_disabled(shown)
-    full = imgui.get_content_region_avail().x
-    imgui.same_line(LABEL_SHARE * (full + imgui.get_cursor_pos_x()))
+    left, width = imgui.get_cursor_pos_x(), imgui.get_item_rect_size().x
+    share = LABEL_SHARE * (imgui.get_content_region_avail().x + left)
+    imgui.same_line(max(share, left + width + imgui.get_style().item_spacing.x))
     imgui.set_next_item_width(-1.0)
     return f"##{label}"
 

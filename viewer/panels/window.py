@@ -15,7 +15,7 @@ from .help import help_size, help_window
 from .inspector import inspector
 from .menu import menu_bar
 from .overlays import box_overlay, brush_overlay, frame_overlay, gesture_overlay, gizmo_overlay
-from .status import status_height, status_line
+from .status import pause_line, status_height, status_line
 from .timeline import STRIP_HEIGHT, timeline_strip
 from .tool_strip import strip_width, tool_strip
 from .training import training_lines, training_panel
@@ -47,6 +47,7 @@ class Panels:
 
     def __init__(self, app):
         self._app, self._gui = app, app.gui
+        self._said = "", ""  # the message, and the task in which it was said
 
     # -- where they lie ------------------------------------------------------------------
 
@@ -130,6 +131,7 @@ class Panels:
         app, settings = self._app, self._app.scene.settings
         if settings.show_help and not app.questions.name:
             imgui.set_next_window_size(help_size())
+            imgui.set_next_window_bg_alpha(1.0)  # it may lie over the panel
             self._floating("help", (0.5, 0.5), help_window, FIXED, covered)
         if app.takes.job is not None:
             self._floating("film's progress", (1.0, 1.0), progress_window, FLOATING, covered)
@@ -138,23 +140,23 @@ class Panels:
         self._tell(covered)
 
     def _tell(self, covered):
-        """Lines over the view; some of them only where no panel says the same."""
-        app, settings = self._app, self._app.scene.settings
-        hidden, training = not settings.show_panel, app.train_job is not None
-        begun = settings.has_dragged or app.photographs or settings.show_help or app.questions.name
+        """Lines over the view; some only where no panel says the same, and one at a place."""
+        app, settings, places = self._app, self._app.scene.settings, set()
+        hidden, job = not settings.show_panel, app.train_job
+        asks, message = settings.show_help or app.questions.name, app.recorder.message
+        begun = settings.has_dragged or app.photographs or asks
+        if message != self._said[0]:
+            self._said = message, settings.task
         for name, place, wanted, line in (
             ("recording", (1.0, 0.0), hidden, recording_line(app.takes, app.recorder)),
-            (
-                "training",
-                (0.5, 0.0),
-                hidden and training,
-                training and training_lines(app.train_job)[0],
-            ),
-            ("first minute", (0.5, 0.0), settings.tool == "grab" and not begun, FIRST_LINE),
+            ("training", (0.5, 0.0), hidden and job, job and training_lines(job)[0]),
             ("flying", (0.5, 0.0), hidden and app.fly.on, app.fly.line),
-            ("message", (0.5, 1.0), True, app.recorder.message),
+            ("paused", (0.5, 0.0), not asks, call(pause_line, app)),
+            ("first minute", (0.5, 0.0), settings.tool == "grab" and not begun, FIRST_LINE),
+            ("message", (0.5, 1.0), self._said[1] == settings.task, message),
         ):
-            if wanted and line:
+            if wanted and line and place not in places:
+                places.add(place)
                 _begin_told(name, place, covered)
                 if name == "recording":
                     imgui.text_colored(RECORDING_RED, line)

@@ -18,8 +18,8 @@ from .tool import DragTool
 from .viewport import CLICK_SLACK
 
 ORBITS = {"alt": ALT, "ctrl": CTRL, "shift": SHIFT}  # of Settings.orbit_key
-PAUSED = "paused: it follows when time goes on (Space), by a step (.), or in Pose (N)"
-STAYS = "it stays there; a click on the golden point lets it go"
+PAUSED = "paused: it follows when time goes on (Space), by a step (.), or if it stays (N)"
+STAYS = "it stays there; a click on the violet point lets it go"
 DOUBLE_CLICK = 0.4  # s between two presses at one place
 WIDER_PER_NOTCH = 1.15  # the grab radius, during a drag
 

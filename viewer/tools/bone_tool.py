@@ -236,7 +236,7 @@ class BoneTool(DragTool):
 class PoseTool(BoneTool):
     """Turns bones, reaches with their tips, and moves roots."""
 
-    word = "Pose"
+    word = "Bones"
     name, title, icon = "bones", "Pose bones", "person_running"
     hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
 

@@ -62,7 +62,7 @@ def _go(hand, task):
 def _next(hand, task, done):
     """Something that was not used yet, the task's own first."""
     items = [i for i in hand.fresh()["items"] if i["kind"] not in MENUS and not i["disabled"]]
-    items.sort(key=lambda i: (i["kind"] == "collapsing_header", i["label"] == "x"))
+    items.sort(key=lambda i: (i["kind"] == "collapsing_header", i["kind"] == "small_button"))
     for one in items:
         own = "task" in one["window"] and "##" + task.lower() not in one["label"]
         key = (task if own else "", one["id"], one["label"])

@@ -91,9 +91,9 @@ class Panel:
         imgui.begin("panel")
         scene, gizmo = self.scene, SimpleNamespace(tool=SimpleNamespace(gizmo=None))
         field = SimpleNamespace(mesh=SimpleNamespace(vertex_count=9))
-        time, parts = (scene, scene.clock, scene.solver), (scene.body, scene.cuts, scene.handles)
+        parts = scene, scene.body, scene.cuts, scene.handles
         shown = field, scene.settings, gizmo, self.gui, self.times, self.actions
-        bend.bend_panel(*time, *parts, *shown)
+        bend.bend_panel(*parts, *shown)
         imgui.end()
         self.gui.end()
 
@@ -145,14 +145,24 @@ def test_it_is_said_which_poisson_ratio_is_held(panel):
     assert panel.texts == ["0.25 is held: springs can't follow a lower ratio"]
 
 
-def test_a_rescue_and_its_failure_are_said(panel):
-    rescue = panel.scene.solver.rescue
-    rescue.running, rescue.given_up, panel.scene.clock.moving = True, True, True
-    panel.frame()
-    assert "rescuing ..." in panel.dim
-    rescue.running, panel.scene.clock.moving = False, False
-    panel.frame()
-    assert "tangled: take Original shape" in panel.dim
+def test_a_rescue_its_failure_and_a_pause_are_said(panel):
+    from deformrf.viewer.panels.status import pause_line, state_line
+
+    scene = panel.scene
+    scene.timeline = SimpleNamespace(shows_poses=False, stands=False)
+    scene.posing = SimpleNamespace(playing=False)
+    rescue = scene.solver.rescue
+    rescue.running = rescue.given_up = scene.clock.moving = True
+    assert state_line(scene) == "rescuing ..."
+    rescue.running = scene.clock.moving = False
+    assert state_line(scene) == "tangled: take Original shape"
+    rescue.given_up = False
+    assert state_line(scene) == "still" and pause_line(scene, panel.actions) == ""
+    scene.clock.paused = True
+    told = "paused: Space goes on; what you bend follows then"
+    assert state_line(scene) == "paused" and pause_line(scene, panel.actions) == told
+    scene.timeline.shows_poses = True  # for which it stops time itself
+    assert state_line(scene) == "playing" and pause_line(scene, panel.actions) == ""
 
 
 def test_boxes_switch_what_surrounds_the_object(panel):

@@ -45,6 +45,7 @@ def typed(window, monkeypatch):
             context.screen.use()
             gui.begin()
             imgui.set_next_window_pos((10, 10))
+            imgui.set_next_window_size((400, 100))
             imgui.begin("panel")
             slider("value", state[0], bounds, "%.3g", lambda new: state.append(new), flags)
             low = imgui.get_item_rect_min()
