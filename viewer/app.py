@@ -71,7 +71,7 @@ class App:
         self._failed = False  # in the last turn of the loop
         # When the window had an event, its state was logged, a frame was drawn, panels were built.
         self.last_event = self._last_state = self._drawn_at = self._built_at = 0.0
-        self._has_news = True  # for the panels
+        self._has_news = self._built = True  # for the panels; whether the last frame built them
         self.gui = self.panels = None
         window.push_handlers(self)
         if gui:
@@ -239,7 +239,8 @@ class App:
         controls.size = size = self.size
         controls.per_point = size[0] / max(self.window.width, 1)
         controls.ratio = controls.per_point * (1.0 if self.gui is None else self.gui.scale)
-        controls.covered = controls.panels = self.covered()
+        if self._built or self._has_news:  # else panels are as they were
+            controls.covered = controls.panels = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             controls.leave()
         if self.fly.on:
@@ -263,14 +264,13 @@ class App:
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
-        built = True
         if self.gui is not None:
             with times.task("panel"):
-                built = self._draw_panels()
+                self._built = self._draw_panels()
             with times.task("flip"):
                 self.canvas.show()
                 self.window.flip()
-        if built:
+        if self._built:
             self._follow()
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from imgui_bundle import imgui
 
-from ...core.base.paths import working_folder
 from ..actions import ActionSearch
 from ..files import FileDialog, Problem, readable
 from ..questions import FILM, TRAINING, WORK
@@ -131,10 +130,10 @@ def _row(entry, is_chosen, width):
 # -- the end -----------------------------------------------------------------------------------
 
 
-def leaving_window(questions, takes, project) -> None:
+def leaving_window(questions, takes, opening) -> None:
     """Ask about a film, training or work that no file has; Esc is to stay."""
     leaving = questions.leaving
-    title, text = _loss(leaving, takes.job, project)
+    title, text = _loss(leaving, takes.job, opening)
     label, entered = GO_ON.get(leaving.about, ("", "")) if not leaving.waits else ("", "")
     imgui.push_text_wrap_pos(LEAVING_WIDTH)
     imgui.text(title)
@@ -158,14 +157,13 @@ def leaving_window(questions, takes, project) -> None:
         questions.dismiss()
 
 
-def _loss(leaving, job, project):
+def _loss(leaving, job, opening):
     """What would be lost, in a few words and in more."""
     if leaving.about == TRAINING:
         text = "If you quit, training stops, and what is done of it is written."
         return "A model is being trained", text
     if leaving.about == WORK:
-        where = f"a new project into {working_folder()}" if project is None else project
-        return "Save what you did?", f"No file has it yet. Save writes {where}."
+        return "Save what you did?", f"No file has it yet. Save writes {opening.path}."
     done = "" if job is None or not job.count else f" ({job.frame} of {job.count} frames are done)"
     when = "The window closes when it is ready" if leaving.waits else "It is not ready yet"
     text = f"{when}{done}. A film that you stop is cut short, and its name says so."
