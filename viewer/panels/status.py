@@ -68,5 +68,5 @@ def state_line(scene) -> str:
 def pause_line(scene, actions) -> str:
     """What the view says while time stands still, of bending too; else empty."""
     follows = "; what you bend follows then" * (scene.settings.hand == "physics")
-    follows = ", and so does bending" if scene.timeline.stands else follows
+    follows = "; time does, too, when you bend" if scene.timeline.stands else follows
     return f"paused: {actions.label('pause')} goes on{follows}" * (state_line(scene) == "paused")
