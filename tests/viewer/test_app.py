@@ -447,3 +447,18 @@ def test_while_thin_parts_are_fitted_time_stands_and_it_is_said(app, monkeypatch
     monkeypatch.setattr(type(scene.clock), "waits", False)
     app.frame(0.1)
     assert scene.journal.tick > before[0]
+
+
+def test_what_actions_and_panels_ask_for_is_in_a_window(app):
+    """Their parameters name parts: a wrong name would fail at the first click."""
+    from deformrf.viewer.actions.table import ACTIONS
+    from deformrf.viewer.panels import inspector, window
+    from deformrf.viewer.parts import parameters_of, part
+
+    functions = [*window.OVERLAYS, *window.QUESTIONS.values()]
+    functions += [one.panel for all_of in inspector.SECTIONS.values() for one in all_of]
+    functions += [one for act in ACTIONS.values() for one in (act.function, act.on) if one]
+    assert len(functions) > 100
+    for function in functions:
+        for name in parameters_of(function):
+            part(app, name)
