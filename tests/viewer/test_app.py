@@ -451,7 +451,7 @@ def test_while_thin_parts_are_fitted_time_stands_and_it_is_said(app, monkeypatch
 
 def test_what_actions_and_panels_ask_for_is_in_a_window(app):
     """Their parameters name parts: a wrong name would fail at the first click."""
-    from deformrf.viewer.actions.table import ACTIONS
+    from deformrf.viewer.actions import ACTIONS
     from deformrf.viewer.panels import inspector, window
     from deformrf.viewer.parts import parameters_of, part
 
