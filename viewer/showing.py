@@ -44,7 +44,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         gc.collect()  # the one before
     gc.freeze()  # or Python would look through all of it in the middle of a drag, for 0.1 s
     app.loaded_on = device, interop
-    if app.watcher is not None and app.watcher.over:
+    if app.watcher.over:
         app.train_job = None
     if app.gui is not None:
         for sentence in [] if app.autosave is None else app.autosave.leave():

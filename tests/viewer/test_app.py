@@ -119,18 +119,18 @@ def test_the_list_of_keys_shrinks_with_the_window(bare):
 def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
     from pyglet.window import mouse
 
-    from deformrf.viewer.panels.bend import title_of, vertex_line
+    from deformrf.viewer.panels.bend import vertex_line
 
     vertex = free_vertex(bare)
     at = view_point(bare, vertex)
-    shown, count = bare.scene.handles, bare.scene.field.mesh.vertex_count
-    title = title_of(shown, vertex, count)
-    assert vertex_line(shown, count) == "nothing under the mouse"
+    shown = bare.scene.handles
+    title = shown.title(vertex)
+    assert vertex_line(shown) == "nothing under the mouse"
     send(bare, "on_mouse_motion", *at, 0, 0)
-    assert vertex_line(shown, count) == title
+    assert vertex_line(shown) == title
     send(bare, "on_mouse_press", *at, mouse.LEFT, 0)
     send(bare, "on_mouse_drag", at[0] + 9, at[1], 9, 0, mouse.LEFT, 0)
-    assert vertex_line(shown, count) == f"holding {title}"
+    assert vertex_line(shown) == f"holding {title}"
     send(bare, "on_mouse_release", *at, mouse.LEFT, 0)
 
 

@@ -54,7 +54,7 @@ AMOUNT_WIDTH = 88.0  # points
 STEPS_SHOWN = 8  # of what was done
 
 
-def bend_panel(scene, body, cuts, handles, field, settings, controls, gui, times, actions):
+def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actions):
     """What a beginner needs first; physics under *Advanced*."""
     buttons(actions, "pause", "reset")
     if section("Hand"):
@@ -64,7 +64,7 @@ def bend_panel(scene, body, cuts, handles, field, settings, controls, gui, times
         imgui.same_line()
         setting("soft grip", settings, "soft_grab", SOFT)
         _gizmo(settings, controls, gui, actions)
-        _selection(handles, field.mesh.vertex_count)
+        _selection(handles)
         _tool_options(settings, cuts, body, actions)
     if section("Material"):
         combo("material", body.material, MATERIALS, lambda one: body.set_material(**vars(one)))
@@ -103,9 +103,9 @@ def _amount(controls, gui, kind):
             controls.apply(gui.amount, axis)
 
 
-def _selection(handles, vertex_count):
+def _selection(handles):
     """What is held, selected or under the mouse; a name for one handle."""
-    imgui.text_disabled(vertex_line(handles, vertex_count))
+    imgui.text_disabled(vertex_line(handles))
     if len(handles.selected) == 1:
         (handle,) = handles.selected
         imgui.set_item_tooltip(f"deformrf view --drag takes it as {handle}")
@@ -114,23 +114,15 @@ def _selection(handles, vertex_count):
             handles.name(handle, text)
 
 
-def vertex_line(handles, vertex_count) -> str:
+def vertex_line(handles) -> str:
     """What is held or under the mouse; a line in any case, or the panel would jump."""
     grabbed = handles.grabbed
     if grabbed is not None:
         first, more = grabbed.handles[0], len(grabbed.handles) - 1
-        return f"holding {title_of(handles, first, vertex_count)}" + f" and {more} more" * (
-            more > 0
-        )
+        return f"holding {handles.title(first)}" + f" and {more} more" * (more > 0)
     if handles.hover is not None:
-        return title_of(handles, handles.hover, vertex_count)
+        return handles.title(handles.hover)
     return f"{len(handles.selected)} selected" if handles.selected else "nothing under the mouse"
-
-
-def title_of(handles, handle, vertex_count) -> str:
-    """A handle's name; else its number among the vertices, or among the points in the object."""
-    number = handle - vertex_count
-    return handles.names.get(handle) or (f"vertex {handle}" if number < 0 else f"point {number}")
 
 
 def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):

@@ -90,10 +90,8 @@ class Panel:
         self.gui.begin()
         imgui.begin("panel")
         scene, gizmo = self.scene, SimpleNamespace(tool=SimpleNamespace(gizmo=None))
-        field = SimpleNamespace(mesh=SimpleNamespace(vertex_count=9))
-        parts = scene, scene.body, scene.cuts, scene.handles
-        shown = field, scene.settings, gizmo, self.gui, self.times, self.actions
-        bend.bend_panel(*parts, *shown)
+        parts = scene, scene.body, scene.cuts, scene.handles, scene.settings
+        bend.bend_panel(*parts, gizmo, self.gui, self.times, self.actions)
         imgui.end()
         self.gui.end()
 
@@ -194,13 +192,12 @@ def test_large_numbers_have_prefixes(value, text):
     assert si(value) == text
 
 
-def test_a_point_in_the_object_is_not_called_a_vertex():
+def test_what_is_held_is_named_with_how_many_more():
     from deformrf.viewer.panels.bend import vertex_line
 
-    handles = SimpleNamespace(grabbed=None, hover=951, selected=[], names={})
-    assert vertex_line(handles, 932) == "point 19"
-    assert vertex_line(handles, 952) == "vertex 951"
-    handles.grabbed = SimpleNamespace(handles=[951, 3])
-    assert vertex_line(handles, 932) == "holding point 19 and 1 more"
-    handles.names = {951: "nose"}
-    assert vertex_line(handles, 932) == "holding nose and 1 more"
+    handles = SimpleNamespace(grabbed=None, hover=9, selected=[], title="point {}".format)
+    assert vertex_line(handles) == "point 9"
+    handles.grabbed = SimpleNamespace(handles=[9])
+    assert vertex_line(handles) == "holding point 9"
+    handles.grabbed.handles.append(3)
+    assert vertex_line(handles) == "holding point 9 and 1 more"

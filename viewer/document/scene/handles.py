@@ -244,8 +244,9 @@ class Handles:
             self.names[vertex] = text
 
     def title(self, handle: int) -> str:
-        """What a handle is called."""
-        return self.names.get(handle, f"vertex {handle}")
+        """A handle's name; else its number among the vertices, or among the control points."""
+        number = handle - len(self._whole.pins)
+        return self.names.get(handle) or (f"vertex {handle}" if number < 0 else f"point {number}")
 
     @property
     def size(self) -> float:
