@@ -37,11 +37,14 @@ def needs_cameras(data: Path) -> bool:
     return bool(training.photo_folder(data))
 
 
-def prepared(data: Path, output: Path, image_size: int | None) -> tuple[Path, int | None]:
+def prepared(
+    data: Path, output: Path, image_size: int | None, masks: Path | None = None
+) -> tuple[Path, int | None]:
     """Find the cameras of photographs, if no file has them.
 
     Args:
         output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
+        masks: The user's folder of masks.
         image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
 
     Returns:
@@ -54,7 +57,7 @@ def prepared(data: Path, output: Path, image_size: int | None) -> tuple[Path, in
     work, side = output.with_suffix(".capture"), image_size or capture.IMAGE_SIZE
     if is_new and is_first():
         photos = capture.frames_of_video(data, side) if is_video else data
-        found_by(photos, work, side, is_video)
+        found_by(photos, work, side, is_video, masks)
     elif is_first():
         capture.remove_left(work, capture.frames_folder(data) if is_video else data)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
@@ -66,7 +69,7 @@ def prepared(data: Path, output: Path, image_size: int | None) -> tuple[Path, in
     return data, image_size
 
 
-def found_by(data: Path, work: Path, image_size: int, is_sequence: bool):
+def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: Path | None = None):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     place = None
     if unread := next((name for name in UNREAD if (data / name).is_file()), None):
@@ -88,7 +91,7 @@ def found_by(data: Path, work: Path, image_size: int, is_sequence: bool):
         )
 
     try:
-        found = capture.find_cameras(data, work, image_size, is_sequence, on_work)
+        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks)
     except KeyboardInterrupt:
         if place is not None:
             print(

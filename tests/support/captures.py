@@ -111,3 +111,37 @@ def similarity_errors(found, truth):
     relative = np.swapaxes(turn @ found[:, :3, :3], 1, 2) @ truth[:, :3, :3]
     cosines = (np.trace(relative, axis1=1, axis2=2) - 1) / 2
     return off / spread, np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+
+
+def turn_about_z(angle):
+    """[3, 3]"""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def write_turntable(folder, angles, heights, rng):
+    """Photographs of a box that turns on a table, by a camera that stands still at each height.
+
+    Returns:
+        Where the cameras are, seen from the box, and where the box is in each photograph.
+        [n, 4, 4], [n, HEIGHT, WIDTH] bool
+    """
+    faces = quads()
+    table, textures = [faces[0]], [texture(rng) for _ in faces]
+    wall = (np.array([-3.0, 3.0, -1.0]), np.array([6.0, 0.0, 0.0]), np.array([0.0, 0.0, 4.0]))
+    behind, papers = [wall, *table], [texture(rng), textures[0]]
+    poses, masks = [], []
+    folder.mkdir(exist_ok=True, parents=True)
+    for height in heights:
+        pose = look((0.0, -3.2, height))
+        empty = photograph(pose, behind, papers)
+        for angle in angles:
+            turn = turn_about_z(angle)
+            box = [(turn @ corner, turn @ u, turn @ v) for corner, u, v in faces[1:]]
+            image = photograph(pose, behind + box, papers + textures[1:])
+            masks.append((image != empty).any(axis=-1))
+            Image.fromarray(image).save(folder / f"{len(poses):03d}.jpg", quality=92)
+            seen = np.eye(4)
+            seen[:3] = turn.T @ pose[:3]
+            poses.append(seen)
+    return np.array(poses), np.array(masks)

@@ -12,21 +12,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
-from ...core.base.paths import whole_file
+from ...core.base.paths import free_name, whole_file
 from ...core.base.reading import open_file, read_text
-from ...core.training import nearest_to_axes, photo_folder, save_points, upright
+from ...core.training import mask_paths, nearest_to_axes, photo_folder, save_points, upright
 from .agreement import Agreement, agreement
 from .features import find_features, match_photos
 from .library import load_pycolmap
-from .mapping import Mapped, connected, map_photos
+from .mapping import ENOUGH, Mapped, connected, map_photos
 from .page import gaps_of
 from .phases import Phases
 from .photos import IMAGE_SIZE, CaptureError, Photo, find_photos
 from .standing import checked
-from .work import open_work
+from .turntable import FoundMasks, find_masks, find_turning, said_of
+from .work import Work, open_work
 
 TRANSFORMS_FILE = "transforms.json"
+MASKS_FOLDER = "masks"  # or masks-2 and so on
 MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
 HEAD = 1000  # bytes of the file, in which that stands
 DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
@@ -49,6 +52,9 @@ class Capture:
         other_groups: How many of these fit together as other scenes, the largest first.
         unreadable: Why files could not be read, a sentence for each.
         seconds: That it took.
+        rings: The photographs of each place where the camera stood still, by number.
+        found: Masks, and the object's box, if masks or rings tell them.
+        masks_at: Where the masks were written; None if none were.
     """
 
     folder: Path
@@ -59,6 +65,9 @@ class Capture:
     other_groups: tuple[int, ...]
     unreadable: tuple[str, ...]
     seconds: float
+    rings: tuple[tuple[int, ...], ...] = ()
+    found: FoundMasks | None = None
+    masks_at: Path | None = None
 
 
 def find_cameras(
@@ -67,6 +76,7 @@ def find_cameras(
     image_size: int = IMAGE_SIZE,
     is_sequence: bool = False,
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
+    masks: str | Path | None = None,
 ) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
@@ -78,9 +88,12 @@ def find_cameras(
         image_size: Longer side that photographs are shrunk to [pixels].
         is_sequence: They are frames of a video, in order.
         on_work: Called with the folder of the work, and whether work goes on there.
+        masks: Folder of the photographs' masks (core/training/data/masks.py): only what they show
+            is followed.
 
     Raises:
         CaptureError: The photographs don't fit together, are too few, or can't be read.
+        DatasetError: The masks are not as they have to be.
         ModuleNotFoundError: pycolmap is not installed.
         OSError: Nothing can be written beside the photographs.
     """
@@ -93,16 +106,18 @@ def find_cameras(
         raise CaptureError(f"{path} is there already, and is not overwritten: remove or rename it")
     photos, unreadable = find_photos(photos_at)
     check_count(folder, photos, unreadable)
-    work, again = open_work(Path(work_folder), photos, image_size)
+    given = () if masks is None else mask_paths(masks, photos)
+    work, again = open_work(Path(work_folder), photos, image_size, given)
     on_work(work.folder, again)
     with Phases() as phases:
         unreadable += find_features(work, phases.phase)
-        match_photos(work, is_sequence, phases.phase)
-        mapped = map_photos(work, phases.phase)
-    check_mapped(folder, work, mapped)
-    mapped = checked(folder, len(photos), mapped)
-    check_mapped(folder, work, mapped)  # without cameras that aren't known
-    mapped = placed(mapped)
+        rings = find_turning(work, phases.phase)
+        work, mapped = mapped_by(work, rings, is_sequence, phases.phase)
+        check_mapped(folder, work, mapped, rings)
+        mapped = checked(folder, len(photos), mapped)
+        check_mapped(folder, work, mapped, rings)  # without cameras that aren't known
+        mapped = placed(mapped)
+        found = find_masks(work, mapped, phases.phase) if rings or given else None
     taken = set(mapped.numbers.tolist())
     capture = Capture(
         folder,
@@ -113,10 +128,42 @@ def find_cameras(
         tuple(len(set(group) - taken) for group in mapped.groups[1:]),
         tuple(unreadable),
         time.monotonic() - began,
+        tuple(rings),
+        found,
+        write_masks(folder, photos, found) if found and found.masks else None,
     )
     write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
     work.remove()
     return capture
+
+
+def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped | None]:
+    """The cameras, by features of the object alone where masks or rings tell it.
+
+    If few photographs have cameras by the user's masks, all features are tried as well.
+
+    Returns:
+        The work with the features that were used, too.
+    """
+    whole, tried = work, []
+    if rings or work.masks:
+        tried = [replace(work, is_cut=True)]
+        find_features(tried[0], begin)
+    if not rings:
+        tried.append(whole)
+    best = None
+    for work in tried:
+        match_photos(work, is_sequence, begin)
+        mapped = map_photos(work, begin, rings)
+        if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):
+            best = work, mapped
+        if mapped and count_of(mapped) >= ENOUGH * len(work.photos):
+            break
+    return best
+
+
+def count_of(mapped: Mapped) -> int:
+    return len(mapped.numbers)
 
 
 def check_count(folder, photos, unreadable):
@@ -132,7 +179,7 @@ def check_count(folder, photos, unreadable):
     raise CaptureError(f"{folder} holds {what}, and at least {LEAST_PHOTOS} are needed: {ADVICE}")
 
 
-def check_mapped(folder, work, mapped: Mapped | None):
+def check_mapped(folder, work, mapped: Mapped | None, rings=()):
     """CaptureError unless enough photographs fit together."""
     total = len(work.photos)
     with work.database() as database:
@@ -195,6 +242,20 @@ def placed(mapped: Mapped) -> Mapped:
     return replace(mapped, poses=poses, points=replace(mapped.points, points=moved))
 
 
+def write_masks(folder: Path, photos, found: FoundMasks) -> Path:
+    """Write masks into a new folder beside the photographs; returns it."""
+    at = free_name(folder / MASKS_FOLDER, "")
+    at.mkdir()
+    for number, mask in found.masks.items():
+        with whole_file(at / mask_name(photos[number])) as partial:
+            Image.fromarray(mask).save(partial)
+    return at
+
+
+def mask_name(photo: Photo) -> str:
+    return f"{photo.path.name}.png"
+
+
 def write(capture: Capture, sharpness: dict):
     """Write transforms.json, which is never overwritten, and points.npz."""
     frames = []
@@ -214,9 +275,13 @@ def write(capture: Capture, sharpness: dict):
         }
         if photo.is_turned:
             frame["upright"] = True
+        if capture.masks_at:
+            frame["mask_path"] = f"{capture.masks_at.name}/{mask_name(photo)}"
         frames.append(frame)
     scene = {"camera_model": "OPENCV", "made_by": MADE_BY, "pixel_error": mapped.pixel_error}
     scene["agreement"] = vars(capture.agreement)
+    if capture.found:
+        scene["object_box"] = capture.found.box.tolist()
     save_points(mapped.points, capture.folder)
     with whole_file(capture.folder / TRANSFORMS_FILE) as partial:
         partial.write_text(json.dumps({**scene, "frames": frames}, indent=1), encoding="utf-8")
@@ -251,6 +316,15 @@ def summary(capture: Capture) -> str:
         f"{capture.mapped.pixel_error:.2f} pixels off in the mean, in {capture.seconds:.0f} s: "
         f"{capture.folder / TRANSFORMS_FILE}"
     )
+    if capture.rings:
+        text += f"\n{said_of(capture.rings)}."
+        if not capture.mapped.is_on_circles:
+            text += " It did not turn about one axis, so each camera was found by itself."
+    if capture.masks_at:
+        text += (
+            f"\nWhat turns was cut out by masks, in {capture.masks_at}: mend what is wrong there, "
+            f"or give others by --masks."
+        )
     if capture.left_out:
         shown = ", ".join(capture.left_out[:NAMES_SHOWN])
         more = len(capture.left_out) - NAMES_SHOWN

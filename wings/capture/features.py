@@ -13,12 +13,13 @@ from PIL import Image
 
 from ...core.base.device import thread_count
 from ...core.base.images import ImageError
-from ...core.training import exposure_of, gray_of, sharpness_of, shrunk_size
+from ...core.training import exposure_of, gray_of, read_mask, sharpness_of, shrunk_size
 from .library import SEED, interruptible, load_pycolmap
 from .photos import read_photo
 from .work import PAIRS, Look, Work, name_of, number_of
 
 MOST_FEATURES = 4096  # of a photograph; the strongest
+FAINT = 0.002  # pycolmap's peak_threshold, which is 0.0067 for whole photographs
 FOCAL_FACTOR = 1.2  # focal length over the longer side, where EXIF doesn't say
 EXHAUSTIVE = 200  # photographs up to which all pairs are matched
 NEIGHBORS = 10  # before and after each frame of a video, or of very many photographs
@@ -29,6 +30,9 @@ LEAST_MATCHES = 15  # of a pair that shows the same thing, as in pycolmap
 
 def find_features(work: Work, begin) -> list[str]:
     """Write the features of all photographs that have none yet into the database.
+
+    If the work is cut, these are features of what may be the object, by masks or mattes, and there
+    are more of them, since an object is a small part of a photograph.
 
     Args:
         begin: Phases.phase.
@@ -50,7 +54,11 @@ def find_features(work: Work, begin) -> list[str]:
     unreadable, at_once = [], 2 * thread_count()
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = MOST_FEATURES
-    with begin("Finding features", len(work.photos), len(done)) as advance:
+    if work.is_cut:
+        options.sift.peak_threshold = FAINT
+    with begin(
+        "Finding the object's" if work.is_cut else "Finding features", len(work.photos), len(done)
+    ) as advance:
         for first in range(0, len(todo), at_once):
             numbers = todo[first : first + at_once]
             with work.temporary_folder() as folder:
@@ -62,7 +70,9 @@ def find_features(work: Work, begin) -> list[str]:
                         str(work.database_path),
                         folder,
                         [name_of(n) + ".png" for n in missing if cameras[n] == camera],
-                        reader_options=pycolmap.ImageReaderOptions(existing_camera_id=camera),
+                        reader_options=pycolmap.ImageReaderOptions(
+                            existing_camera_id=camera, mask_path=folder if work.is_cut else ""
+                        ),
                         extraction_options=options,
                     )
             keep_looks(work, images)
@@ -78,13 +88,32 @@ def written_images(work: Work, numbers, folder: Path, unreadable: list) -> dict:
             rgb = read_photo(work.photos[number], work.image_size)
         except ImageError as error:
             return number, str(error)
-        Image.fromarray(rgb).save(folder / f"{name_of(number)}.png", compress_level=1)
+        path = folder / f"{name_of(number)}.png"
+        Image.fromarray(rgb).save(path, compress_level=1)
+        if work.is_cut:  # pycolmap's name for the mask of an image
+            mask = object_mask(work, number, rgb.shape[1::-1])
+            Image.fromarray(mask).save(path.with_name(path.name + ".png"), compress_level=1)
         return number, rgb
 
     with ThreadPoolExecutor(min(len(numbers), thread_count())) as pool:
         results = list(pool.map(write, numbers))
     unreadable += [result for _, result in results if isinstance(result, str)]
     return {number: rgb for number, rgb in results if not isinstance(rgb, str)}
+
+
+def object_mask(work: Work, number: int, size) -> np.ndarray:
+    """Where a photograph may show the object: 255, else 0.  [h, w] uint8
+
+    Raises:
+        DatasetError: The user's mask can't be read.
+    """
+    if work.masks:
+        mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
+    elif (mask := work.matte(number)) is None:
+        return np.full(size[::-1], 255, np.uint8)
+    else:
+        mask = np.asarray(Image.fromarray(mask).resize(size, Image.Resampling.NEAREST))
+    return np.where(mask > 0, np.uint8(255), np.uint8(0))
 
 
 def camera_ids(work: Work, database) -> dict[int, int]:

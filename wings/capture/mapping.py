@@ -6,13 +6,14 @@ find several groups of photographs that nothing connects; the largest is taken.
 """
 
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ...core.base.children import start
 from ...core.training import SparsePoints
+from . import circles
 from .features import LEAST_MATCHES
 from .library import POLL_SECONDS, SEED, interruptible, load_pycolmap
 from .work import Work, number_of
@@ -44,6 +45,7 @@ class Mapped:
         nearest: From each camera to the nearest tenth of these; 0 if there are none.  [n] float64
         pixel_error: Mean distance of a point's image from its feature [pixels of the work size].
         groups: Photographs of all groups, the largest first, by number.
+        is_on_circles: Whether the cameras of rings were adjusted as such (circles.py).
     """
 
     numbers: np.ndarray
@@ -54,13 +56,15 @@ class Mapped:
     nearest: np.ndarray
     pixel_error: float
     groups: tuple[tuple[int, ...], ...]
+    is_on_circles: bool = False
 
 
-def map_photos(work: Work, begin) -> Mapped | None:
+def map_photos(work: Work, begin, rings=()) -> Mapped | None:
     """Find the cameras; None if no two photographs fit together.
 
     Args:
         begin: Phases.phase.
+        rings: The photographs of each ring (still.py), by number.
     """
     count = len(connected(work))
     found = incremental(work, begin)
@@ -71,7 +75,12 @@ def map_photos(work: Work, begin) -> Mapped | None:
     if not found:
         return None
     found = sorted(found, key=size_of, reverse=True)
-    return mapped_of(work, found)
+    is_on_circles = False
+    if rings:
+        numbers = {key: number_of(image.name) for key, image in found[0].images.items()}
+        with begin("Fitting circles", circles.STEPS) as advance:
+            is_on_circles = circles.on_circles(found[0], rings, numbers, advance)
+    return replace(mapped_of(work, found), is_on_circles=is_on_circles)
 
 
 def size_of(group) -> int:

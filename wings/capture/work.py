@@ -1,7 +1,8 @@
 """The work folder: results so far, while the cameras of photographs are being found.
 
 It holds pycolmap's database, an .npz for each photograph (`Look`), and work.json, which lists the
-photographs.  A run that is interrupted leaves the folder.  One that ends removes the files that it
+photographs; a second database and second looks of the object alone, if mattes tell it from what
+stands still.  A run that is interrupted leaves the folder.  One that ends removes the files that it
 knows by name, and the folder if it is empty then; links and all other files stay.
 """
 
@@ -15,21 +16,30 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from ...core.base.archive import one_sentence, open_archive
+from ...core.base.images import ImageError, open_image
 from ...core.base.paths import whole_file
 from .library import load_pycolmap
 from .photos import Photo
 
-LISTING, DATABASE, PAIRS = "work.json", "features.db", "pairs.txt"
+LISTING, PAIRS = "work.json", "pairs.txt"
+DATABASES = ("features.db", "object.db")  # of whole photographs, of the object alone
 TEMPORARY = ".temporary-"
-VERSION = 1
+VERSION = 2
 LARGEST = 2**24  # bytes of a listing that is read: of a hundred thousand photographs
-LOOK = r"\d{6,}\.npz"
-PARTIAL = r"\.(work|\d{6,})-[0-9a-f]{8}\.part\.(json|npz)"  # what paths.whole_file is writing
-OURS = re.compile(rf"work\.json|pairs\.txt|features\.db(-journal|-wal|-shm)?|{LOOK}|{PARTIAL}")
+LOOK = r"\d{6,}(-object)?\.npz"
+MATTE = r"\d{6,}\.png"
+# What paths.whole_file is writing.
+PARTIAL = r"\.(work|\d{6,}(-object)?)-[0-9a-f]{8}\.part\.(json|npz|png)"
+OURS = re.compile(
+    rf"work\.json|pairs\.txt|(features|object)\.db(-journal|-wal|-shm)?|{LOOK}|{MATTE}|{PARTIAL}"
+)
 TEMPORARY_FOLDER = re.compile(re.escape(TEMPORARY) + r"[a-z0-9_]{8}")
-IN_IT = re.compile(r"\d{6,}\.png|(cameras|images|points3D|rigs|frames)\.(bin|txt)|project\.ini")
+IN_IT = re.compile(
+    r"\d{6,}\.png(\.png)?|(cameras|images|points3D|rigs|frames)\.(bin|txt)|project\.ini"
+)
 
 
 @dataclass(frozen=True)
@@ -55,22 +65,41 @@ class Work:
         folder: Where it is.
         photos: In the order of their numbers.
         image_size: Longer side that they are shrunk to [pixels].
+        masks: The user's, one for each photograph, or none.
+        is_cut: Whether database and looks are those of the object alone.
     """
 
     folder: Path
     photos: tuple[Photo, ...]
     image_size: int
+    masks: tuple[Path, ...] = ()
+    is_cut: bool = False
 
     @property
     def database_path(self) -> Path:
-        return self.folder / DATABASE
+        return self.folder / DATABASES[self.is_cut]
 
     def database(self):
         """pycolmap's database, open; a context manager."""
         return load_pycolmap().Database.open(str(self.database_path))
 
     def look_path(self, number: int) -> Path:
-        return self.folder / f"{name_of(number)}.npz"
+        return self.folder / f"{name_of(number)}{'-object' if self.is_cut else ''}.npz"
+
+    def matte_path(self, number: int) -> Path:
+        return self.folder / f"{name_of(number)}.png"
+
+    def matte(self, number: int) -> np.ndarray | None:
+        """A photograph's matte, see mattes.py; None without one.  [h, w] uint8"""
+        try:
+            with open_image(self.matte_path(number)) as image:
+                return np.asarray(image.convert("L"))
+        except ImageError:
+            return None
+
+    def keep_matte(self, number: int, matte: np.ndarray):
+        with whole_file(self.matte_path(number)) as partial:
+            Image.fromarray(matte).save(partial)
 
     def has_look(self, number: int) -> bool:
         """Whether there is a look that can be read."""
@@ -94,16 +123,17 @@ class Work:
             np.savez(partial, **vars(look))
 
     def is_whole(self) -> bool:
-        """Whether the database is not damaged; there may be none yet."""
+        """Whether the databases are not damaged; there may be none yet."""
         import sqlite3  # late: a viewer asks no database
 
-        if not self.database_path.exists():
-            return True
         try:
-            with closing(sqlite3.connect(self.database_path)) as database:
-                return database.execute("PRAGMA quick_check").fetchall() == [("ok",)]
+            for path in filter(Path.exists, (self.folder / name for name in DATABASES)):
+                with closing(sqlite3.connect(path)) as database:
+                    if database.execute("PRAGMA quick_check").fetchall() != [("ok",)]:
+                        return False
         except sqlite3.Error:
             return False
+        return True
 
     def temporary_folder(self):
         """A folder in it for what pycolmap reads and writes; a context manager."""
@@ -155,8 +185,8 @@ def is_folder(path: Path) -> bool:
     return stat.S_ISDIR(path.lstat().st_mode)
 
 
-def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
-    """A work folder for photographs, and whether it holds work on exactly these.
+def open_work(folder: Path, photos, image_size: int, masks=()) -> tuple[Work, bool]:
+    """A work folder for photographs and masks, and whether it holds work on exactly these.
 
     It is `folder`, or <folder>-2 and so on where something else is there.  Work on other
     photographs is removed, and damaged work.
@@ -164,7 +194,7 @@ def open_work(folder: Path, photos, image_size: int) -> tuple[Work, bool]:
     Raises:
         OSError: The folder can't be made.
     """
-    work = Work(Path(folder), tuple(photos), image_size)
+    work = Work(Path(folder), tuple(photos), image_size, tuple(masks))
     wanted, there, number = listing(work), [], 1
     while os.path.lexists(work.folder):
         there.append((work, held(work.folder)))
@@ -210,16 +240,21 @@ def held(folder: Path) -> dict | None:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    if not isinstance(found, dict) or found.keys() != {"version", "image_size", "photos"}:
+    if not isinstance(found, dict) or found.keys() != {"version", "image_size", "photos", "masks"}:
         return None
     return found if type(found["version"]) is int and found["version"] == VERSION else None
 
 
 def listing(work: Work) -> dict:
     """What work.json holds."""
-    files = [(str(p.path.resolve()), p.path.stat()) for p in work.photos]
+
+    def known(paths):
+        files = [(str(path.resolve()), path.stat()) for path in paths]
+        return [[path, stat.st_size, stat.st_mtime_ns] for path, stat in files]
+
     return {
         "version": VERSION,
         "image_size": work.image_size,
-        "photos": [[path, stat.st_size, stat.st_mtime_ns] for path, stat in files],
+        "photos": known(photo.path for photo in work.photos),
+        "masks": known(work.masks),
     }

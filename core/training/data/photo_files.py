@@ -1,15 +1,17 @@
 """Which files of a folder are photographs."""
 
+import re
 from pathlib import Path
 
 from .errors import DatasetError
 
 IMAGE_ENDINGS = (".png", ".webp", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".heic", ".heif")
 MASK = "_mask"  # how the stem of a photograph's mask ends
+MASKS = re.compile(r"masks?(-\d+)?", re.IGNORECASE)  # folders that hold masks
 
 
 def photo_folder(folder: Path) -> Path | None:
-    """The folder itself, or the one in it that holds photographs; None without any.
+    """The folder itself, or the one in it that holds photographs, not masks; None without any.
 
     Raises:
         DatasetError: Several folders in it hold photographs.
@@ -18,7 +20,7 @@ def photo_folder(folder: Path) -> Path | None:
     if photo_files(folder):
         return folder
     inner = [f for f in sorted(folder.iterdir()) if is_visible(f) and f.is_dir()]
-    inner = [f for f in inner if photo_files(f)]
+    inner = [f for f in inner if not MASKS.fullmatch(f.name) and photo_files(f)]
     if len(inner) > 1:
         names = ", ".join(f.name for f in inner[:4])
         raise DatasetError(

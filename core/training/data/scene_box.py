@@ -38,7 +38,7 @@ def world_to_unit_cube(
     if radius is not None:
         return box_to_unit_cube(np.full((2, 3), radius) * [[-1], [1]], "--scene-radius")
     if dataset.bounds is not None:
-        return box_to_unit_cube(dataset.bounds, "the data set's bbox.txt")
+        return box_to_unit_cube(dataset.bounds, "the data set's box")
     center = focus(dataset.poses)
     distances = np.linalg.norm(dataset.poses[:, :3, 3] - center, axis=1)
     half = REACH * np.median(distances)

@@ -65,7 +65,20 @@ def read(folder, split) -> Listing:
             found.append(posed(scene, frames[i], files.paths[i], masks.paths[i], path))
         else:
             missing.append(frames[i]["file_path"])
-    return Listing(found, missing, None, tuple(filter(None, said)))
+    return Listing(found, missing, object_box(scene, path), tuple(filter(None, said)))
+
+
+def object_box(scene, path):
+    """The object's box, which wings/capture writes; None without one.  [2, 3]"""
+    if "object_box" not in scene:
+        return None
+    try:
+        box = np.array(scene["object_box"], float)
+    except (TypeError, ValueError, OverflowError):
+        box = np.zeros(0)
+    if box.shape != (2, 3) or not np.isfinite(box).all():
+        raise DatasetError(f"{path} has an object_box that is not two corners of three numbers")
+    return box
 
 
 def cameras(path: Path) -> list[PosedImage]:

@@ -1,0 +1,149 @@
+"""Mattes of a whole capture, by the votes of all its views.
+
+A single matte (mattes.py) leaves pixels open, and calls shadows the object.  Space decides: each
+small cube of space is seen by every view, as background, as the object, or as something unknown.
+What MOST of the views that know something call background is empty (space carving, Kutulakos and
+Seitz 2000, with errors).  The silhouettes of the rest, the hull, say of each pixel
+
+* well within a silhouette: the object;  * outside: the background;
+* near its edge: what the pixel's own matte says, and where that is open, the silhouette.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .mattes import BACKGROUND, OBJECT, UNKNOWN
+
+COARSE, FINE = 32, 128  # cubes along a side of the space, at first and in the end
+WIDER = 1.4  # than the box of the sparse points is the space
+OUTLIERS = 1.0  # percent of these points at each side
+MOST = 0.15  # of the views that know something
+HALF = 0.5  # how much a view counts that doesn't know
+WITHIN, BEYOND = 2, 2  # cubes of the hull, as wide as pixels, in which the pixel's matte decides
+
+
+@dataclass(frozen=True)
+class View:
+    """A view, and its matte.
+
+    Attributes:
+        pose: Camera to world, OpenGL's axes.  [4, 4]
+        lens: As in mapping.Mapped, for the matte's size.  [7]
+        matte: [h, w] uint8; None where nothing tells.
+    """
+
+    pose: np.ndarray
+    lens: np.ndarray
+    matte: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Cubes that are not empty: their centers [n, 3], and the length of their edges."""
+
+    centers: np.ndarray
+    edge: float
+
+    @property
+    def box(self):
+        """[2, 3]"""
+        half = 0.5 * self.edge
+        return np.array([self.centers.min(axis=0) - half, self.centers.max(axis=0) + half])
+
+
+def pixels_of(view: View, points):
+    """Columns and rows of points in a view's image, and which of them are there.  [n] each"""
+    focal_x, focal_y, x, y, k, width, height = view.lens
+    local = (points - view.pose[:3, 3].astype(np.float32)) @ view.pose[:3, :3].astype(np.float32)
+    depth = np.maximum(-local[:, 2], 1e-9)
+    q = local[:, :2] * np.float32([1.0, -1.0]) / depth[:, None]
+    q *= (1.0 + k * (q**2).sum(axis=1, keepdims=True)).astype(np.float32)
+    place = np.floor(q * np.float32([focal_x, focal_y]) + np.float32([x, y]))
+    place = np.clip(place, -1, max(width, height)).astype(np.int32)
+    there = (local[:, 2] < 0.0) & (place >= 0).all(axis=1) & (place < [width, height]).all(axis=1)
+    return *np.where(there[:, None], place, 0).T, there
+
+
+def is_filled(views, points):
+    """Which points are not empty, by the views' votes.  [n, 3] -> [n] bool"""
+    empty, unknown, filled = np.zeros((3, len(points)), np.int32)
+    for view in views:
+        columns, rows, there = pixels_of(view, points)
+        found = view.matte[rows, columns]
+        empty += there & (found == BACKGROUND)
+        unknown += there & (found == UNKNOWN)
+        filled += there & (found > UNKNOWN)
+    return (empty < MOST * (empty + filled + HALF * unknown)) & (filled > 0)
+
+
+def levels() -> int:
+    """How many sizes of cubes `carve` goes through."""
+    return int(np.log2(FINE // COARSE)) + 1
+
+
+def carve(views, points, advance=lambda count: None) -> Hull | None:
+    """Carve the space around sparse points, coarse to fine; None if nothing is left.
+
+    Args:
+        views: Those with mattes.
+        points: [n, 3]
+    """
+    from scipy.ndimage import binary_dilation
+
+    low, high = np.percentile(points, [OUTLIERS, 100.0 - OUTLIERS], axis=0)
+    half = 0.5 * WIDER * (high - low).max()
+    begin, edge = 0.5 * (low + high) - half, 2.0 * half / COARSE
+    cubes = np.stack(np.meshgrid(*3 * [np.arange(COARSE)], indexing="ij"), -1).reshape(-1, 3)
+    size, done = COARSE, 0
+    while True:
+        centers = (begin + edge * (cubes + 0.5)).astype(np.float32)
+        filled = is_filled(views, centers)
+        done += 1
+        advance(done)
+        if not filled.any():
+            return None
+        if size >= FINE:
+            return Hull(centers[filled], edge)
+        # What lies beside a filled cube may hold filled ones too small for this size.
+        grid = np.zeros((size + 2,) * 3, bool)
+        grid[tuple(cubes[filled].T + 1)] = True
+        kept = np.argwhere(binary_dilation(grid, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1])
+        children = np.stack(np.meshgrid(*3 * [np.arange(2)], indexing="ij"), -1).reshape(-1, 3)
+        cubes = (2 * kept[:, None] + children).reshape(-1, 3)
+        size, edge = 2 * size, 0.5 * edge
+
+
+def silhouette(view: View, hull: Hull):
+    """The pixels that the hull covers, and the width of a cube in pixels.  [h, w] bool, int"""
+    from scipy.ndimage import binary_closing
+
+    width, height = view.lens[5:].astype(int)
+    image = np.zeros((height, width), bool)
+    columns, rows, there = pixels_of(view, hull.centers)
+    image[rows[there], columns[there]] = True
+    depth = np.median(np.linalg.norm(hull.centers - view.pose[:3, 3], axis=1))
+    cube = max(1, int(np.ceil(view.lens[:2].max() * hull.edge / depth)))
+    padded = np.pad(image, 2 * cube)
+    closed = binary_closing(padded, np.ones((3, 3)), iterations=cube)
+    return closed[2 * cube : -2 * cube, 2 * cube : -2 * cube], cube
+
+
+def voted(view: View, hull: Hull) -> np.ndarray:
+    """How much of each pixel is the object's after the votes, 0 to 255.  [h, w] uint8"""
+    from scipy.ndimage import binary_dilation, binary_erosion, label
+
+    covered, cube = silhouette(view, hull)
+    if view.matte is None:
+        return np.where(covered, np.uint8(255), np.uint8(0))
+    square = np.ones((3, 3))
+    within = binary_erosion(covered, square, iterations=WITHIN * cube, border_value=True)
+    beyond = binary_dilation(covered, square, iterations=BEYOND * cube)
+    shares = (view.matte.astype(float) - UNKNOWN) / (OBJECT - UNKNOWN)
+    own = np.where(beyond, np.maximum(shares, 0.0), 0.0)
+    own[within | ((view.matte == UNKNOWN) & covered)] = 1.0
+    # A hole of the matte that lies all within the silhouette is none.
+    holes, count = label(own <= 0.5)
+    open_ones = np.unique(holes[~covered])
+    own[np.isin(holes, np.setdiff1d(np.arange(1, count + 1), open_ones))] = 1.0
+    return (255.0 * own).round().astype(np.uint8)

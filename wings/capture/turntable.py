@@ -1,0 +1,128 @@
+"""What is the object, where the camera stood still while it turned, or where there are masks.
+
+Mapping follows what most features show.  Before a still background, that is the background, and all
+cameras of a ring come out at one place.  So the features of what stands still are dropped, and the
+cameras are those of a camera that walks around the object.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from ...core.training import read_mask, shrunk_size
+from .carving import View, carve, levels, voted
+from .features import object_mask
+from .mapping import Mapped
+from .mattes import BACKGROUND, MATTE_SIDE, mattes_of
+from .photos import read_photo
+from .still import find_rings
+from .work import Work
+
+HALF = 0.5  # of the photographs have to be in rings
+TURNS = 0.002  # of a photograph's pixels are the object's, in the median of a ring
+
+
+@dataclass(frozen=True)
+class FoundMasks:
+    """Masks that were made, and the object's box.
+
+    Attributes:
+        masks: By the photograph's number: how much of each pixel is the object's.  [h, w] uint8
+        box: In the world of the cameras.  [2, 3]
+    """
+
+    masks: dict
+    box: np.ndarray
+
+
+def find_turning(work: Work, begin) -> list[tuple[int, ...]]:
+    """Rings of photographs in which the object turns; none if the camera did not stand still.
+
+    Their mattes are in the work folder, unless the user has given masks.
+
+    Args:
+        begin: Phases.phase.
+    """
+    rings = find_rings(work)
+    if sum(map(len, rings)) < HALF * len(work.photos):
+        return []
+    if not work.masks:
+        keep_mattes(work, rings, begin)
+    shown = [
+        np.median([(object_mask(work, n, size_of(work, n)) > 0).mean() for n in ring])
+        for ring in rings
+    ]
+    return [ring for ring, share in zip(rings, shown, strict=True) if share >= TURNS]
+
+
+def size_of(work: Work, number: int):
+    """Width and height of a photograph's matte."""
+    return shrunk_size(work.photos[number].size, min(MATTE_SIDE, work.image_size))
+
+
+def keep_mattes(work: Work, rings, begin):
+    """Write the mattes of all photographs of rings that have none yet."""
+    total = sum(map(len, rings))
+    with begin("Finding what turns", total) as advance:
+        before = 0
+        for ring in rings:
+            if any(work.matte(number) is None for number in ring):
+                size = size_of(work, ring[0])
+
+                def read(number, size=size):
+                    image = read_photo(work.photos[number], max(size))
+                    return image if image.shape[1::-1] == size else resized(image, size)
+
+                def tell(done, before=before):
+                    advance(before + done)
+
+                for number, matte in mattes_of(read, ring, tell):
+                    work.keep_matte(number, matte)
+            before += len(ring)
+            advance(before)
+
+
+def resized(image, size):
+    return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX))
+
+
+def find_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
+    """The masks of all photographs by the votes of all, in the world of `mapped`; None without any.
+
+    Of masks that the user has given only the box is used.
+    """
+    views = [view_of(work, mapped, row) for row in range(len(mapped.numbers))]
+    voting = [view for view in views if view.matte is not None]
+    with begin("Voting on masks", levels() + len(views)) as advance:
+        hull = carve(voting, mapped.points.points, advance) if voting else None
+        if hull is None:
+            return None
+        masks = {}
+        for row, view in enumerate(views) if not work.masks else ():
+            masks[int(mapped.numbers[row])] = voted(view, hull)
+            advance(levels() + row + 1)
+    return FoundMasks(masks, hull.box)
+
+
+def view_of(work: Work, mapped: Mapped, row: int) -> View:
+    """A photograph that has a camera, with its matte, or with the user's mask as such."""
+    number = int(mapped.numbers[row])
+    size = size_of(work, number)
+    lens = mapped.lenses[row].copy()
+    scale = np.array(size) / lens[5:]
+    lens[[0, 1]] *= scale
+    lens[[2, 3]] *= scale
+    lens[5:] = size
+    matte = work.matte(number)
+    if work.masks:
+        mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
+        matte = np.where(mask > 127, np.uint8(255), np.uint8(BACKGROUND))
+    return View(mapped.poses[row], lens, matte)
+
+
+def said_of(rings) -> str:
+    """What was found, as a sentence for the user."""
+    count = sum(map(len, rings))
+    where = "one ring" if len(rings) == 1 else f"{len(rings)} rings"
+    return f"The camera stood still: {count} photographs of a turntable in {where}"
