@@ -26,7 +26,7 @@ from ....wings.rig import (
     phase,
     posed,
 )
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..history.undo import Pausable
 from .hold import Solved
 from .rigging import Rigging
@@ -34,10 +34,6 @@ from .rigging import Rigging
 SPEEDS = -4.0, 4.0  # of clips
 NO_ENDS = np.zeros((0, 2, 3))
 FADE = 0.3  # s from one clip that plays to the next
-STATE = (
-    *("softness", "method", "clip", "seconds", "loop", "speed"),
-    *("pose", "drives", "shows_vertices"),
-)
 
 
 class BoneGrip(Protocol):
@@ -59,7 +55,7 @@ class MovedByBones(Solved, Protocol):
     def reset(self) -> None: ...
 
 
-class Posing:
+class Posing(Edited):
     """The pose of one object's bones.
 
     Attributes:
@@ -69,8 +65,12 @@ class Posing:
         clip, seconds: The name of the chosen clip, empty without one, and the time in it.
     """
 
+    kept = (
+        *("softness", "method", "clip", "seconds", "loop", "speed"),
+        *("pose", "drives", "shows_vertices"),
+    )
+
     def __init__(self, moved: MovedByBones, rigging: Rigging):
-        self.journal = None  # of the scene, once it has one
         self.softness, self.method = 0.0, METHODS[0]
         self.clip, self.seconds, self.loop, self.speed = "", 0.0, True, 1.0
         self.pose: BonePose | None = None
@@ -403,13 +403,9 @@ class Posing:
 
     # -- undo ----------------------------------------------------------------------------
 
-    def state(self) -> dict:
-        """What edits change, besides positions and pins."""
-        return {name: getattr(self, name) for name in STATE}
-
     def restore(self, state: dict) -> None:
         """Return to a state, whose positions are there already: bones hold what they held."""
         self.end()
-        vars(self).update(state)
+        super().restore(state)
         if self.drives and self.soft:
             self._again()

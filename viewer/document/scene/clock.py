@@ -8,7 +8,7 @@ from typing import Protocol
 
 from ....core.deform import TIME_STEP, XpbdSolver
 from ...settings import Settings
-from ..history.journal import Journal, edit
+from ..history.journal import Edited, Journal, edit
 from .grabs import Ball, Grab
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
@@ -68,11 +68,10 @@ class Timed(Protocol):
     def look(self) -> None: ...
 
 
-class Clock:
+class Clock(Edited):
     """The time of one object."""
 
     def __init__(self, timed: Timed):
-        self.journal = None  # of the scene, once it has one
         self._timed = timed
         self._paused = self._settling = False
         self._time = 0.0  # s that frames have lasted and no step has covered

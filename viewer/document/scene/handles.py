@@ -13,7 +13,7 @@ from ....core.base.kept import Kept
 from ....core.deform import vertices_within
 from ....core.field import TetField
 from ...settings import GRAB_RADII, Settings
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..rigging.hold import Solved
 from .body import Body
 from .grabs import Grab, Motion, soft_springs
@@ -71,7 +71,7 @@ class Grabbable(Solved, Protocol):
     def keep_in_sight(self) -> None: ...
 
 
-class Handles:
+class Handles(Edited):
     """What of an object can be taken hold of, and is.
 
     Attributes:
@@ -85,10 +85,11 @@ class Handles:
             in place.  [V]
     """
 
+    kept = "points", "hidden", "names", "_posed", "patches"
+
     def __init__(self, whole: Grabbable, surface):
         """Take an object, and points of its surface at rest [N, 3]."""
         self._whole = whole
-        self.journal = None  # of the scene, once it has one
         mesh = whole.field.mesh
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, whole.size)
         self.hover: int | None = None
@@ -572,16 +573,13 @@ class Handles:
     # -- undo ----------------------------------------------------------------------------
 
     def state(self) -> dict:
-        """What edits change, besides pins."""
-        kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
+        state = super().state() | {"hand": self._whole.settings.hand}
         if self.grabbed is not None and self.grabbed.passing:
-            kept["points"] = self.points.without_last()
-        return kept | {"patches": self.patches, "hand": self._whole.settings.hand}
+            state["points"] = self.points.without_last()
+        return state
 
     def restore(self, state: dict) -> None:
-        """Return to a state."""
-        own = dict(state)
-        self._whole.settings.hand = own.pop("hand")
-        vars(self).update(own)
+        super().restore(state)
+        self._whole.settings.hand = state["hand"]
         self.selected = [one for one in self.selected if self.exists(one)]
         self.hover = None

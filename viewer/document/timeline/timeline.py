@@ -15,7 +15,7 @@ import numpy as np
 from ....core.deform import Material
 from ....wings.rig import BonePose, Skeleton
 from ...camera import Orbit, changed, turned_to
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..history.undo import Pausable
 from . import keys as k
 from .driving import Driven, Driver
@@ -67,7 +67,7 @@ class Keyed(Driven, Protocol):
     def hands_off(self) -> None: ...
 
 
-class Timeline:
+class Timeline(Edited):
     """The timeline of one object.
 
     Attributes:
@@ -77,8 +77,9 @@ class Timeline:
         stands: Whether time stands still because the timeline shows a pose.
     """
 
+    kept = "keys", "poses", "loop", "motion", "head", "stands"
+
     def __init__(self, keyed: Keyed):
-        self.journal = None  # of the scene, once it has one
         self.keys = dict.fromkeys(TRACKS, ())
         self.poses: tuple[k.SavedPose, ...] = ()
         self.loop, self.motion = False, MOTIONS[0]
@@ -197,7 +198,7 @@ class Timeline:
             )
             for n in range(TURN_KEYS + 1)
         )
-        self.keys["camera"] = tuple(turn)
+        self._set("camera", tuple(turn))
         self.loop, self.head = True, 0
         self.play()
 
@@ -221,7 +222,7 @@ class Timeline:
     def _set(self, track, keys):
         if len(keys) > MOST_KEYS:
             raise ValueError(f"a timeline has at most {MOST_KEYS} {track} keys")
-        self.keys[track] = keys
+        self.keys = self.keys | {track: keys}
 
     # -- time ----------------------------------------------------------------------------
 
@@ -423,17 +424,11 @@ class Timeline:
 
     # -- undo ----------------------------------------------------------------------------
 
-    def state(self) -> dict:
-        """What edits change."""
-        names = "poses", "loop", "motion", "head", "stands"
-        return {name: getattr(self, name) for name in names} | {"keys": dict(self.keys)}
-
     def restore(self, state: dict) -> None:
-        """Return to a state; nothing plays."""
+        """Nothing plays then."""
         self._end()
         if self.stands and not state["stands"]:
             self._keyed.clock.paused = False
         elif state["stands"]:
             self.stand()
-        vars(self).update(state)
-        self.keys = dict(self.keys)
+        super().restore(state)
