@@ -14,6 +14,7 @@ import numpy as np
 
 from ...core.deform import XpbdSolver
 from ...core.field import TetField, subtet_corners, unpack_mask
+from ..document import Body
 from ..settings import Settings
 
 MOST_POINTS = 8_000
@@ -92,13 +93,6 @@ def _blurred(picture, width: int):
     return picture
 
 
-class Measured(Protocol):
-    """A body of a size."""
-
-    meters: float
-    meters_per_unit: float
-
-
 class RemainingField(Protocol):
     """What was not deleted of a field."""
 
@@ -119,7 +113,7 @@ class OnGround(Protocol):
     positions: np.ndarray  # [V, 3]
     revision: int  # of the positions
     solver: XpbdSolver
-    body: Measured
+    body: Body
     cuts: RemainingField
 
 

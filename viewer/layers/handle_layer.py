@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.field import TetField
 from ..camera import Orbit, pose_of
-from ..document import MOST_ADDED, MOST_POINTS, Ball, Grab
+from ..document import MOST_ADDED, MOST_POINTS, Ball, Body, Grab
 from ..settings import Settings
 from . import gl
 
@@ -40,12 +40,6 @@ class DrawnHandles(Protocol):
     def factors(self, ids) -> np.ndarray: ...
 
 
-class Painted(Protocol):
-    """A body."""
-
-    factors: np.ndarray | None  # of its stiffness  [V]
-
-
 class WithSpheres(Protocol):
     """The object whose spheres are drawn."""
 
@@ -55,7 +49,7 @@ class WithSpheres(Protocol):
     handle_radius: float
     handle_bias: float
     ball: Ball | None
-    body: Painted
+    body: Body
     handles: DrawnHandles
 
 

@@ -9,15 +9,10 @@ from typing import Protocol
 from ....core.deform import TIME_STEP, XpbdSolver
 from ...settings import Settings
 from ..history.journal import Edited, Journal, edit
+from .body import Body
 from .grabs import Ball, Grab
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
-
-
-class Adapting(Protocol):
-    """A body whose substeps follow its material."""
-
-    def adapt_substeps(self) -> None: ...
 
 
 class Dragged(Protocol):
@@ -58,7 +53,7 @@ class Timed(Protocol):
     settings: Settings
     journal: Journal
     ball: Ball | None
-    body: Adapting
+    body: Body
     handles: Dragged
     timeline: PlayedTimeline
     posing: MovingBones

@@ -31,11 +31,12 @@ from ....core.base.paths import BUNDLED, program_version, whole_file
 from ....core.base.reading import open_file
 from ....core.base.schema import integer
 from ....core.base.streams import printable, shown
-from ....core.deform import FIRST_INTEGRATOR, Material, XpbdSolver
+from ....core.deform import FIRST_INTEGRATOR, XpbdSolver
 from ....core.field import TetField
 from ...settings import HANDS, Settings
 from ..history.journal import EDITS, Event, Journal
 from ..scene import scene  # noqa: F401  its methods and those of its objects are the edits
+from ..scene.body import Body
 from ..scene.points import ControlPoints
 from .session_lines import event_lines, kept_start, line_of, tell_left_out
 from .session_values import bad_arguments
@@ -64,14 +65,6 @@ class OpenObject(Protocol):
     journal: Journal
 
 
-class WithMaterial(Protocol):
-    """A body."""
-
-    material: Material
-    meters_per_unit: float
-    automatic_substeps: bool
-
-
 class WithPoints(Protocol):
     """Handles."""
 
@@ -83,7 +76,7 @@ class Beginning(Protocol):
 
     field: TetField
     solver: XpbdSolver
-    body: WithMaterial
+    body: Body
     handles: WithPoints
     settings: Settings
     pins: np.ndarray  # of a held object  [V] bool
