@@ -12,7 +12,7 @@ from ..camera import widened
 from ..files import readable
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
-from ..settings import MESH_RANGES, ORBIT_KEYS, PHOTOGRAPHS, SIDES, SURFACES, THEMES
+from ..settings import MESH_RANGES, ORBIT_KEYS, PHOTOGRAPHS, SIDES, SURFACES, TARGETS, THEMES
 from .widgets import (
     LOGARITHMIC,
     action_box,
@@ -34,7 +34,6 @@ PHOTOGRAPH = "over the render as long as the camera is where it was taken, or be
 ORBIT = "the key with which a drag on the object turns the view"
 UP = "what the horizon is level to: some captures lie on their side"
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
-TARGETS = 2.0, 120.0  # frames a second
 PANEL_SCALES = {"80 %": 0.8, "100 %": 1.0, "125 %": 1.25, "150 %": 1.5, "200 %": 2.0}
 SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
 SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
