@@ -301,7 +301,6 @@ class App:
             self.window.set_caption(caption)
 
     def covered(self) -> Covered:
-        """What the panels cover of the window."""
         return Covered() if self.panels is None else self.panels.covered()
 
     def draw(self, camera, keep: bool = True) -> None:
@@ -334,10 +333,6 @@ class App:
     @property
     def _wants_transparent(self):
         return self.recorder.wants_screenshot and self.scene.settings.transparent_screenshots
-
-    def begin_training(self) -> None:
-        """Do what the dialog offers."""
-        self.watcher.begin_offered()
 
     def _draw_panels(self):
         """Draw the panels; whether they were built: some times a second in a plain drag."""
