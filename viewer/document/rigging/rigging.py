@@ -233,7 +233,6 @@ class Rigging(Edited):
 
     @edit("delete_clip", undo="delete the clip {clip}")
     def delete_clip(self, clip: str) -> None:
-        """Forget a clip."""
         gone = self.clip(clip)
         self._rigged.posing.stop_clip()
         self.clips = tuple(one for one in self.clips if one is not gone)

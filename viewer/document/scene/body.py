@@ -83,7 +83,6 @@ class Body(Edited):
 
     @edit("set_material", undo="{names}", merges=True)
     def set_material(self, **changes) -> None:
-        """Change some attributes of the material."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the panel says what is held
             self.material = replace(self.material, **changes)

@@ -145,7 +145,6 @@ class Clock(Edited):
 
     @property
     def paused(self) -> bool:
-        """Whether time is stopped."""
         return self._paused
 
     @paused.setter

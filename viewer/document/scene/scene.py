@@ -134,7 +134,6 @@ class Scene:
 
     @property
     def orbit(self):
-        """The camera, an Orbit."""
         return self.viewpoint.orbit
 
     @orbit.setter

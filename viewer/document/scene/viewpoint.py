@@ -107,11 +107,9 @@ class Viewpoint(Edited):
 
     @edit("delete_view", undo="delete the view {name}")
     def delete(self, name: str) -> None:
-        """Forget a saved view."""
         self.saved = {key: view for key, view in self.saved.items() if key != name}
 
     def go_to(self, name: str) -> None:
-        """Look from a saved view."""
         self.orbit, self._last = changed(self.orbit, self.saved[name]), name
 
     def next(self) -> str:

@@ -169,13 +169,11 @@ class Timeline(Edited):
 
     @edit("copy_key", undo="copy a key")
     def copy_key(self, track: str, tick: int, to_tick: int) -> None:
-        """Put a copy of a key elsewhere."""
         key = replace(self._key(track, tick), tick=to_tick)
         self._set(track, k.with_key(self.keys[track], key))
 
     @edit("delete_key", undo="delete a key")
     def delete_key(self, track: str, tick: int) -> None:
-        """Delete a key."""
         key = self._key(track, tick)
         self._set(track, tuple(other for other in self.keys[track] if other is not key))
 
@@ -204,7 +202,6 @@ class Timeline(Edited):
 
     @edit("set_loop", undo="loop")
     def set_loop(self, on: bool) -> None:
-        """Play again and again, or once."""
         self.loop = on
 
     @edit("set_motion", undo="motion between poses")
@@ -241,7 +238,6 @@ class Timeline(Edited):
 
     @edit("stop")
     def stop(self) -> None:
-        """Stop where it is."""
         self._end()
 
     @edit("scrub", undo="move the playhead", merges=True)
@@ -400,7 +396,6 @@ class Timeline(Edited):
 
     @edit("delete_pose", undo="delete the pose {name}")
     def delete_pose(self, name: str) -> None:
-        """Forget a saved pose."""
         deleted = self._saved(name)
         self.poses = tuple(pose for pose in self.poses if pose is not deleted)
 
