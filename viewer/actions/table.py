@@ -5,7 +5,6 @@ from . import editing, viewing, photographs, bones, animating, filming, helping 
 from .action import ACTIONS as ACTIONS
 from .action import INPUTS as INPUTS
 from .action import SECTIONS as SECTIONS
-from .action import Action as Action
 from .action import Input as Input
 from .action import action_of as action_of
 from .action import input_of as input_of
@@ -26,7 +25,6 @@ class BoundActions:
         ACTIONS[name](self._window)
 
     def is_on(self, name: str) -> bool:
-        """Whether a menu checks it."""
         return ACTIONS[name].is_on(self._window)
 
     def input(self, name: str) -> Input:
