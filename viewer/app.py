@@ -97,10 +97,6 @@ class App:
         """Keep the session of the scene from now on."""
         self.autosave = Autosave(self.scene, self.session_start, autosave_folder())
 
-    def show(self, scene, renderer, path: str) -> None:
-        """Show a scene from now on, as showing.show does."""
-        showing.show(self, scene, renderer, path)
-
     @contextmanager
     def only_shown(self, **handlers):
         """In the block, keys, mouse and dropped files do nothing: the scene is not ready.

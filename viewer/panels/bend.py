@@ -10,25 +10,14 @@ from ..layers import line_spacing
 from ..settings import DELETING, GIZMOS, GRAB_RADII
 from . import widgets as w
 
-YOUNG_MODULI = 1e3, 1e9  # Pa
-POISSON_RATIOS = 0.0, 0.49
-DAMPINGS = 0.0, 20.0  # 1/s
-SUBSTEP_COUNTS = 1, 500
-GRAVITIES = 0.1, 3.0 * EARTH
-SIZES = 0.01, 100.0  # m
-YIELD_STRAINS = 0.0, 0.5
-AIR_DRAGS = 0.0, 10.0  # 1/s
-WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
 PRICE = "what they took of each 60th of a second when the object moved last"
 HOLDS = "about the stiffness (Young's modulus) that the object has with these substeps"
 SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
 AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time"
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
-DAMPING = "how fast vibrations fade"
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 YIELD = "how far edges are strained before they stay so"
-AIR = "how fast it brakes what moves"
 TAKES = "how far around the mouse a drag takes the object along; the wheel does it, too"
 ANYWHERE = "on the object, not only at red points"
 SOFT = "pull with springs, weaker towards the radius, instead of moving exactly"
@@ -56,7 +45,7 @@ def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actio
     if w.section("Material"):
         w.combo("material", body.material, lambda one: body.set_material(**vars(one)), MATERIALS)
         text, stiffness = f"{si(body.material.young_modulus)}Pa", _material(body, "young_modulus")
-        w.slider("stiffness", *stiffness, YOUNG_MODULI, text, w.LOGARITHMIC, "Young's modulus")
+        w.slider("stiffness", *stiffness, (1e3, 1e9), text, w.LOGARITHMIC, "Young's modulus")
         w.buttons(actions, "rest_here", *["undo_rest_here"] * body.rests_elsewhere)
     if w.section("World"):
         _world(scene, body)
@@ -142,31 +131,32 @@ def _world(scene, body):
     on = body.gravity > 0.0
     w.checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
     if on:
-        w.slider("strength", body.gravity, scene.set_gravity, GRAVITIES, "%.1f m/s²")
+        w.slider("strength", body.gravity, scene.set_gravity, (0.1, 3.0 * EARTH), "%.1f m/s²")
 
 
 def _advanced(body, times, actions):
     """Physics: the rest of the material, the air, and the solver."""
     w.buttons(actions, "single_step")
     poisson, damping = _material(body, "poisson_ratio"), _material(body, "damping")
-    w.slider("Poisson ratio", *poisson, POISSON_RATIOS, "%.2f", 0, POISSON)
+    w.slider("Poisson ratio", *poisson, (0.0, 0.49), "%.2f", 0, POISSON)
     if body.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
-    w.slider("damping", *damping, DAMPINGS, "%.1f per s", 0, DAMPING)
-    w.slider("size", body.meters, body.set_meters, SIZES, "%.3g m", w.LOGARITHMIC, SIZE)
+    w.slider("damping", *damping, (0.0, 20.0), "%.1f per s", 0, "how fast vibrations fade")
+    w.slider("size", body.meters, body.set_meters, (0.01, 100.0), "%.3g m", w.LOGARITHMIC, SIZE)
     strain, change = _material(body, "yield_strain")
     shown, text = (0.0, "never") if math.isinf(strain) else (strain, "strain %.2f")
-    w.slider("yields", shown, lambda at: change(at or math.inf), YIELD_STRAINS, text, 0, YIELD)
+    w.slider("yields", shown, lambda at: change(at or math.inf), (0.0, 0.5), text, 0, YIELD)
     w.checkbox("contact", *_option(body, "contact"), "it collides with itself")
-    w.slider("air drag", body.air_drag, body.set_air_drag, AIR_DRAGS, "%.1f per s", tooltip=AIR)
+    drag, told = (body.air_drag, body.set_air_drag), "how fast it brakes what moves"
+    w.slider("air drag", *drag, (0.0, 10.0), "%.1f per s", tooltip=told)
     if body.air_drag:
-        w.slider("wind", body.wind, body.set_wind, WINDS, "%.1f m/s", tooltip="along x")
+        w.slider("wind", body.wind, body.set_wind, (-20.0, 20.0), "%.1f m/s", tooltip="along x")
     _substeps(body, times)
 
 
 def _substeps(body, times):
     count = _option(body, "substep_count")
-    w.slider("substeps", *count, SUBSTEP_COUNTS, "%.0f", w.LOGARITHMIC, SUBSTEPS)
+    w.slider("substeps", *count, (1, 500), "%.0f", w.LOGARITHMIC, SUBSTEPS)
     w.checkbox("automatic", body.automatic_substeps, body.set_automatic_substeps, AUTOMATIC)
     imgui.same_line()
     seconds = times.tick_seconds()

@@ -23,7 +23,6 @@ NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
 WIDE = 780.0  # of a strip with space for whole words
-TURNS = 1.0, 60.0  # s
 STEPS = """1  Pose the object and turn the view. {key} keeps both, as a key.
 2  Move the red line, and make the next key.
 3  {play} plays. {turn} turns the camera around the object."""
@@ -61,7 +60,7 @@ def _buttons(timeline, strip, actions):
         w.button(actions, name)
     imgui.same_line()
     imgui.set_next_item_width(58.0)
-    w.slider("##turn", *w.of(strip, "turn_seconds"), TURNS, "%.0f s", tooltip="of a turn")
+    w.slider("##turn", *w.of(strip, "turn_seconds"), (1.0, 60.0), "%.0f s", tooltip="of a turn")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
     w.combo("##motion", timeline.motion, timeline.set_motion, MOTIONS, MOTION)

@@ -15,7 +15,6 @@ from ..memory import memory_line
 from ..settings import MESH_RANGES, ORBIT_KEYS, PHOTOGRAPHS, SIDES, SURFACES, TARGETS, THEMES
 from . import widgets as w
 
-ANGLES = 5.0, 100.0  # degrees
 WIDER = "the distance changes with it, so that the object stays as large"
 PHOTOGRAPH = "over the render as long as the camera is where it was taken, or beside it"
 ORBIT = "the key with which a drag on the object turns the view"
@@ -72,13 +71,12 @@ def _mesh(settings, actions):
     w.combo("mesh", *w.of(settings, "mesh_surface"), SURFACES, tooltip)
     if settings.mesh_surface == "hidden":
         return
-    tooltip = "1 hides the picture"
-    w.slider("opacity", *w.of(settings, "mesh_opacity"), (0.0, 1.0), "%.2f", tooltip=tooltip)
+    opacity = w.of(settings, "mesh_opacity")
+    w.slider("opacity", *opacity, (0.0, 1.0), "%.2f", tooltip="1 hides the picture")
     if settings.mesh_surface != "plain":
         text = "strain %.2f" if settings.mesh_surface == "strain" else "1 ± %.2f"
-        tooltip = "what the last colors of the legend mean"
-        bounds = MESH_RANGES
-        w.slider("colors to", *w.of(settings, "mesh_range"), bounds, text, w.LOGARITHMIC, tooltip)
+        most, tooltip = w.of(settings, "mesh_range"), "what the last colors of the legend mean"
+        w.slider("colors to", *most, MESH_RANGES, text, w.LOGARITHMIC, tooltip)
 
 
 # -- the camera ----------------------------------------------------------------------------------
@@ -99,7 +97,7 @@ def _lens(viewpoint, actions):
         viewpoint.orbit = widened(orbit, math.radians(degrees))
 
     angle = math.degrees(orbit.field_of_view)
-    w.slider("field of view", angle, widen, ANGLES, "%.0f°", tooltip=WIDER)
+    w.slider("field of view", angle, widen, (5.0, 100.0), "%.0f°", tooltip=WIDER)
     w.action_box(actions, "toggle_parallel")
     w.combo("up", up_name(orbit), partial(set_up, viewpoint), [*UPS, FROM_VIEW], UP)
 
@@ -135,8 +133,7 @@ def _saved(viewpoint, actions):
 
 def window_panel(settings):
     w.combo("colors", *w.of(settings, "theme"), THEMES)
-    tooltip = "over what the system says"
-    w.combo("letters", *w.of(settings, "panel_scale"), PANEL_SCALES, tooltip)
+    w.combo("letters", *w.of(settings, "panel_scale"), PANEL_SCALES, "over what the system says")
     w.combo("panel at", *w.of(settings, "panel_side"), SIDES)
 
 
