@@ -4,12 +4,12 @@ They are seen through the object.  Far ones are drawn first, and only faces that
 eye, so that they need no depth.  The shader makes the faces.  B bones, S joints.
 """
 
-import operator
 from typing import Protocol
 
 import moderngl
 import numpy as np
 
+from ...core.base.kept import Kept
 from ...core.field import TetField
 from ..camera import Orbit, pose_of
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
@@ -65,13 +65,16 @@ class BoneLayer:
         row = "3f 3f 3f/i", "head", "tail", "tint"
         self._bones = gl.Instances(ctx, "bones", row, BONE_FLOATS, MOST_BONES)
         self._spheres = Spheres(ctx, 2 * max(MOST_BONES, MOST_JOINTS) + 2)
-        self._state = (None,) * 5  # what the buffers hold
+        self._written = Kept()  # what the buffers hold
 
     def draw(self, camera, clip_range, place=None) -> None:
         """Draw into the framebuffer in use; `place` is where a dragged joint would go.  [3]"""
         if not self._drawn.settings.show_bones or left_behind(self._drawn):
             return
-        self._write(place)
+        drawn, rigging = self._drawn, self._drawn.rigging
+        eye = pose_of(drawn.orbit)  # far ones are drawn first
+        shown = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
+        self._written.of(shown, lambda: self._write(place))
         self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
         gl.blend_over(self._ctx)
         matrices = gl.view_matrices(camera, clip_range)
@@ -80,15 +83,8 @@ class BoneLayer:
         self._spheres.draw(camera, clip_range)
 
     def _write(self, place):
-        """Bring what is drawn to the buffers, if it has changed."""
-        drawn, rigging = self._drawn, self._drawn.rigging
-        eye = pose_of(drawn.orbit)  # far ones are drawn first
-        state = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
-        if all(map(operator.is_, state, self._state)):  # none of them is changed in place
-            return
-        self._state = state
-        self._bones.write(bone_instances(drawn))
-        self._spheres.write(joint_spheres(drawn, place))
+        self._bones.write(bone_instances(self._drawn))
+        self._spheres.write(joint_spheres(self._drawn, place))
 
     def release(self) -> None:
         self._bones.release()

@@ -83,23 +83,19 @@ def _mesh(settings, actions):
 
 
 def camera_panel(viewpoint, settings, actions):
-    w.buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
-    _lens(viewpoint, actions)
-    if settings.grab_anywhere:
-        w.combo("orbit on the object with", *w.of(settings, "orbit_key"), ORBIT_KEYS, ORBIT)
-    _saved(viewpoint, actions)
-
-
-def _lens(viewpoint, actions):
     orbit = viewpoint.orbit
 
     def widen(degrees):
         viewpoint.orbit = widened(orbit, math.radians(degrees))
 
+    w.buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
     angle = math.degrees(orbit.field_of_view)
     w.slider("field of view", angle, widen, (5.0, 100.0), "%.0f°", tooltip=WIDER)
     w.action_box(actions, "toggle_parallel")
     w.combo("up", up_name(orbit), partial(set_up, viewpoint), [*UPS, FROM_VIEW], UP)
+    if settings.grab_anywhere:
+        w.combo("orbit on the object with", *w.of(settings, "orbit_key"), ORBIT_KEYS, ORBIT)
+    _saved(viewpoint, actions)
 
 
 def photographs_panel(photographs, settings, viewpoint, controls, fly, center, actions):
