@@ -38,10 +38,10 @@ class SubtetMiddles:
         return sum(self.weights[:, k, None] * vertices[self.corners[:, k]] for k in range(4))
 
 
-def occupied_middles(field, most: int = MOST_POINTS) -> SubtetMiddles:
-    """The middles of a field's occupied sub-tets, at most so many, evenly chosen."""
+def occupied_middles(field) -> SubtetMiddles:
+    """The middles of a field's occupied sub-tets, at most MOST_POINTS, evenly chosen."""
     tet, subtet = np.nonzero(unpack_mask(field.occupancy))
-    step = max(1, -(-len(tet) // most))
+    step = max(1, -(-len(tet) // MOST_POINTS))
     tet, subtet = tet[::step], subtet[::step]
     weights = subtet_corners().mean(axis=1).astype(np.float32)
     return SubtetMiddles(field.mesh.tets[tet], weights[subtet])

@@ -34,11 +34,11 @@ def buttons(actions, *names) -> None:
         button(actions, name)
 
 
-def action_box(actions, action, tooltip="") -> None:
+def action_box(actions, action) -> None:
     """A box with an action's title, for one that is on or off."""
     title = actions.title(action)
-    label, told = title[0].lower() + title[1:], actions.told(action, tooltip)
-    checkbox(label, actions.is_on(action), lambda on: actions.call(action), told)
+    label, is_on = title[0].lower() + title[1:], actions.is_on(action)
+    checkbox(label, is_on, lambda on: actions.call(action), actions.told(action))
 
 
 def delete_button(delete, name) -> None:
