@@ -97,10 +97,6 @@ class App:
         """Keep the session of the scene from now on."""
         self.autosave = Autosave(self.scene, self.session_start, autosave_folder())
 
-    def show(self, scene, renderer, path: str) -> None:
-        """Show a scene from now on, as showing.show does."""
-        showing.show(self, scene, renderer, path)
-
     @contextmanager
     def only_shown(self, **handlers):
         """In the block, keys, mouse and dropped files do nothing: the scene is not ready.
@@ -301,7 +297,6 @@ class App:
             self.window.set_caption(caption)
 
     def covered(self) -> Covered:
-        """What the panels cover of the window."""
         return Covered() if self.panels is None else self.panels.covered()
 
     def draw(self, camera, keep: bool = True) -> None:
@@ -334,10 +329,6 @@ class App:
     @property
     def _wants_transparent(self):
         return self.recorder.wants_screenshot and self.scene.settings.transparent_screenshots
-
-    def begin_training(self) -> None:
-        """Do what the dialog offers."""
-        self.watcher.begin_offered()
 
     def _draw_panels(self):
         """Draw the panels; whether they were built: some times a second in a plain drag."""

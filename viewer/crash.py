@@ -63,7 +63,6 @@ def write_report(program: str, error: BaseException, recent: Recent) -> Path | N
 
 
 def report(program: str, error: BaseException, recent: Recent) -> str:
-    """The text of a report."""
     lines = [f"{program} {program_version()}", f"Python {platform.python_version()}"]
     versions = (f"{package} {version_of(package)}" for package in PACKAGES)
     lines += [platform.platform(), *versions, *_devices(), "", "Traceback"]

@@ -47,7 +47,6 @@ class ProcessJob:
         """Called in the thread with a line that was printed for people."""
 
     def end(self, process: subprocess.Popen) -> None:
-        """Tell the process to end."""
         process.terminate()
 
     def tell(self, word: str) -> None:

@@ -34,7 +34,6 @@ def call(function, window, *arguments, **named):
 
 
 def part(window, name: str):
-    """One part of a window."""
     return _getter(name)(window)
 
 

@@ -17,37 +17,13 @@ from ..core.base import schema
 from ..core.base.paths import whole_file
 from ..core.base.reading import open_file
 from ..core.base.streams import shown
-from .settings import (
-    GIZMOS,
-    GRAB_RADII,
-    HANDS,
-    KEYS,
-    ORBIT_KEYS,
-    PANEL_WIDTHS,
-    SCALES,
-    SIDES,
-    THEMES,
-    Settings,
-)
+from .settings import TARGETS, Settings, kept_in
 
 KEY, VERSION = "deformrf preferences", 1
 LARGEST_FILE = 2**20  # bytes
 MOST_RECENT = 10  # files that were opened
 SMALLEST_WINDOW, LARGEST_WINDOW = (320, 240), 8192
-KEPT = {  # of the Settings: whether a value of the file is one
-    "background": schema.vector(3, schema.number(0.0, 1.0)),
-    "grab_radius": schema.number(*GRAB_RADII),
-    "hand": schema.one_of(HANDS),
-    "orbit_key": schema.one_of(ORBIT_KEYS),
-    "gizmo": schema.one_of(GIZMOS),
-    "keys": schema.one_of(KEYS),
-    "panel_side": schema.one_of(SIDES),
-    "panel_width": schema.number(*PANEL_WIDTHS),
-    "theme": schema.one_of(THEMES),
-    "panel_scale": schema.number(*SCALES),
-    **dict.fromkeys(("grab_anywhere", "own_axes", "has_chosen_keys"), schema.flag),
-    **dict.fromkeys(("show_panel", "has_dragged"), schema.flag),
-}
+KEPT = kept_in("preferences")  # of the Settings: whether a value of the file is one
 _kept = [one for one in fields(Settings) if one.name in KEPT]
 Kept = make_dataclass("Kept", [(one.name, one.type, one.default) for one in _kept])
 
@@ -98,7 +74,7 @@ GOOD = KEPT | {
         *(schema.integer(least, LARGEST_WINDOW) for least in SMALLEST_WINDOW)
     ),
     "interop": schema.one_of(("auto", "buffer", "copy")),
-    "target_fps": schema.optional(schema.number(2.0, 120.0)),
+    "target_fps": schema.optional(schema.number(*TARGETS)),
     "film_folder": schema.both(schema.text(), is_path),
     "recent": schema.listing(schema.both(schema.text(least=1), is_path), MOST_RECENT),
 }

@@ -38,7 +38,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
         scene.settings.show_floor = app.gui is not None
     else:
         scene.settings = app.scene.settings
-    app.show(scene, renderer, path)
+    show(app, scene, renderer, path)
     if not is_first:
         gc.unfreeze()
         gc.collect()  # the one before
@@ -72,10 +72,8 @@ def show(app, scene, renderer, path: str) -> None:
         app.window.remove_handlers(**noted)
         app.window.remove_handlers(*panels_first)
         app.window.remove_handlers(app.controls)
-        app.radiance.release()
-        app.mesh_layer.release()
-        app.handle_layer.release()
-        app.bone_layer.release()
+        for layer in (app.radiance, app.mesh_layer, app.handle_layer, app.bone_layer):
+            layer.release()
     app.radiance, app.handle_layer, app.bone_layer = radiance, handle_layer, bone_layer
     app.mesh_layer = MeshLayer(app.ctx, scene, radiance.draw_depth)
     say = app.recorder.say

@@ -24,7 +24,7 @@ class FrameTimes:
     def __init__(self):
         self.frames = deque([0.0], maxlen=HISTORY)
         self.rendering: dict[str, float] = {}  # the renderer's stages in the last image
-        self._tasks = {task: deque([0.0], maxlen=HISTORY) for task in TASKS}
+        self._recent = deque([dict.fromkeys(TASKS, 0.0)], maxlen=RECENT)  # seconds of tasks
         self._now = dict.fromkeys(TASKS, 0.0)
         self._last = None
         self._kept = deque(maxlen=HISTORY)  # when a frame ended, its seconds, and its tasks'
@@ -49,9 +49,8 @@ class FrameTimes:
         now = time.perf_counter()
         if self._last is not None:
             self.frames.append(now - self._last)
-            self._kept.append((now, now - self._last, dict(self._now)))
-        for name, value in self._now.items():
-            self._tasks[name].append(value)
+            self._kept.append((now, now - self._last, self._now))
+        self._recent.append(self._now)
         self._last, self._now = now, dict.fromkeys(TASKS, 0.0)
 
     def rest(self) -> None:
@@ -61,7 +60,7 @@ class FrameTimes:
 
     def recent(self, tasks) -> float:
         """Median seconds that these tasks took together in the last few frames."""
-        return float(np.median(np.sum([list(self._tasks[p])[-RECENT:] for p in tasks], axis=0)))
+        return float(np.median([sum(now[name] for name in tasks) for now in self._recent]))
 
     def frame_seconds(self) -> float:
         """Mean length of the frames of the last second; 0 before the second frame."""

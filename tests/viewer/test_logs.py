@@ -2,6 +2,7 @@
 
 import functools
 import logging
+from dataclasses import replace
 
 import pytest
 
@@ -82,7 +83,7 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
 ):
     from pyglet.window import key
 
-    from deformrf.viewer.actions import ACTIONS, Action
+    from deformrf.viewer.actions import ACTIONS
 
     failures = ["by chance"]
 
@@ -99,7 +100,7 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
     elif place == "event":
         reset = ACTIONS["reset"].function
         failing = functools.wraps(reset)(failing_once(reset))
-        monkeypatch.setitem(ACTIONS, "reset", Action(failing))
+        monkeypatch.setitem(ACTIONS, "reset", replace(ACTIONS["reset"], function=failing))
         app.window.dispatch_event("on_key_press", key.R, 0)
     else:
         app.panels.draw = failing_once(app.panels.draw)

@@ -2,7 +2,6 @@ from .table import (
     ACTIONS as ACTIONS,
     INPUTS as INPUTS,
     SECTIONS as SECTIONS,
-    Action as Action,
     ActionSearch as ActionSearch,
     BoundActions as BoundActions,
     Input as Input,

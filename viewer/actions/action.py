@@ -28,7 +28,7 @@ LABELS = {  # of keys, where they aren't their names
 
 @dataclass(frozen=True)
 class Input:
-    """A gesture, key or item of a menu, and its action."""
+    """A gesture, key or item of a menu, and what it does to a window."""
 
     label: str  # the key or gesture, as the help names it; empty for what only a menu has
     help: str  # what it does
@@ -38,6 +38,8 @@ class Input:
     blender: str | None = None  # the key with Blender's keys, if another; empty: none
     only: str = ""  # the one of KEYS that has the gesture, if not all
     stop: str = ""  # its title while it is on, instead of a mark in the menu
+    function: Callable | None = None  # of parts of the window; None: a gesture has none
+    on: Callable | None = None  # likewise: whether it is on; None: it can't be
 
     @property
     def title(self) -> str:
@@ -46,16 +48,7 @@ class Input:
         last = last.removeprefix("-")
         return f"Export {last[0].lower()}{last[1:]}" if menu == EXPORT else last or self.help
 
-
-@dataclass(frozen=True)
-class Action:
-    """What a key, a menu or a button does to a window."""
-
-    function: Callable  # of parts of the window
-    on: Callable | None = None  # likewise: whether it is on; None: it can't be
-
     def __call__(self, window):
-        """Do it."""
         return call(self.function, window)
 
     def is_on(self, window) -> bool:
@@ -63,7 +56,7 @@ class Action:
         return self.on is not None and bool(call(self.on, window))
 
 
-ACTIONS: dict[str, Action] = {}  # by name
+ACTIONS: dict[str, Input] = {}  # those that have a function, by name
 INPUTS: list[Input] = []  # in the order of the menus and of the help
 
 
@@ -80,8 +73,9 @@ def action(help, key="", menu="", blender=None, name="", on=None, stop=""):
         called = name or function.__name__
         if called in ACTIONS:
             raise ValueError(f"there are two actions {called}")
-        ACTIONS[called] = Action(function, on)
-        INPUTS.append(Input(label_of_key(key), help, key, called, menu, blender, stop=stop))
+        done = {"stop": stop, "function": function, "on": on}
+        ACTIONS[called] = Input(label_of_key(key), help, key, called, menu, blender, **done)
+        INPUTS.append(ACTIONS[called])
         return function
 
     return decorate

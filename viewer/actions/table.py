@@ -2,15 +2,8 @@
 
 from . import filing  # noqa: F401, I001
 from . import editing, viewing, photographs, bones, animating, filming, helping  # noqa: F401
-from .action import ACTIONS as ACTIONS
-from .action import INPUTS as INPUTS
-from .action import SECTIONS as SECTIONS
-from .action import Action as Action
-from .action import Input as Input
-from .action import action_of as action_of
-from .action import input_of as input_of
-from .action import inputs_of as inputs_of
-from .action import section_of as section_of
+from .action import ACTIONS, INPUTS, SECTIONS, Input  # noqa: F401
+from .action import action_of, input_of, inputs_of, section_of  # noqa: F401
 
 
 class BoundActions:
@@ -26,7 +19,6 @@ class BoundActions:
         ACTIONS[name](self._window)
 
     def is_on(self, name: str) -> bool:
-        """Whether a menu checks it."""
         return ACTIONS[name].is_on(self._window)
 
     def input(self, name: str) -> Input:

@@ -8,7 +8,7 @@ from .sessions.replay import poses as poses
 # For the rest of the viewer, and the commands.
 from .scene.scene import Scene as Scene
 from .scene.clock import MAX_STEPS as MAX_STEPS
-from .scene.body import EARTH as EARTH
+from .scene.body import EARTH as EARTH, Body as Body
 from .scene.cuts import masks_of as masks_of
 from .scene.handles import MOST_ADDED as MOST_ADDED, Handles as Handles
 from .scene.points import ControlPoints as ControlPoints, MOST_POINTS as MOST_POINTS

@@ -95,7 +95,6 @@ class Recorder:
             self.add(self._canvas.read())
 
     def add(self, image) -> None:
-        """Add an image to the video that is being recorded."""
         try:
             self.video.push(image)
         except RuntimeError as error:
@@ -161,7 +160,6 @@ class Recorder:
         self._say(message, sys.stderr)
 
     def finished(self, path: Path) -> None:
-        """Say that a file is written."""
         self.written.append(path)
         self._log("written", path=path)
         self._say(f"wrote {path}", sys.stdout)

@@ -63,7 +63,9 @@ class FrameWriter:
             RuntimeError: Frames can't be written, or there is none, and no file.
         """
         if cut_short and not self._ended:
-            self.path = self._target = cut_short_name(self.path)
+            self.path = self._target = free_name(
+                self.path.with_name(f"{self.path.stem} (cut short)"), self.path.suffix
+            )
         self._ended = True
         self._finish()
         if not self.frame_count:  # an older file is better
@@ -297,11 +299,6 @@ class PictureSeries(FrameWriter):
         except OSError as error:
             raise RuntimeError(f"can't write {path}: {error.strerror or error}") from error
         return time.perf_counter() - start
-
-
-def cut_short_name(path: Path) -> Path:
-    """A free name for what was to become `path`, and is not all of it."""
-    return free_name(path.with_name(f"{path.stem} (cut short)"), path.suffix)
 
 
 def waiting(width: int, height: int) -> int:

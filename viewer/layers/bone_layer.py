@@ -4,18 +4,18 @@ They are seen through the object.  Far ones are drawn first, and only faces that
 eye, so that they need no depth.  The shader makes the faces.  B bones, S joints.
 """
 
-import operator
 from typing import Protocol
 
 import moderngl
 import numpy as np
 
+from ...core.base.kept import Kept
 from ...core.field import TetField
 from ..camera import Orbit, pose_of
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
 from ..settings import OF_BONES, Settings
 from . import gl
-from .handle_layer import SPHERE_FLOATS
+from .handle_layer import SPHERE_FLOATS, Spheres
 
 BONE, CHOSEN, JOINT = (0.62, 0.70, 0.86), (1.0, 0.62, 0.0), (0.16, 0.28, 0.55)
 DRAGGED = (0.9, 0.9, 0.2)
@@ -62,59 +62,33 @@ class BoneLayer:
 
     def __init__(self, ctx: moderngl.Context, drawn: WithBones):
         self._ctx, self._drawn = ctx, drawn
-        self._buffer = ctx.buffer(reserve=4 * BONE_FLOATS * MOST_BONES, dynamic=True)
-        layout = (self._buffer, "3f 3f 3f/i", "head", "tail", "tint")
-        self._bones = ctx.vertex_array(gl.program(ctx, "bones"), [layout])
-        most = 2 * max(MOST_BONES, MOST_JOINTS) + 2
-        self._sphere_buffer = ctx.buffer(reserve=4 * SPHERE_FLOATS * most, dynamic=True)
-        layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
-        self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
-        self._state = (None,) * 5  # what the buffers hold
-        self._bone_count = self._sphere_count = 0
+        row = "3f 3f 3f/i", "head", "tail", "tint"
+        self._bones = gl.Instances(ctx, "bones", row, BONE_FLOATS, MOST_BONES)
+        self._spheres = Spheres(ctx, 2 * max(MOST_BONES, MOST_JOINTS) + 2)
+        self._written = Kept()  # what the buffers hold
 
     def draw(self, camera, clip_range, place=None) -> None:
         """Draw into the framebuffer in use; `place` is where a dragged joint would go.  [3]"""
         if not self._drawn.settings.show_bones or left_behind(self._drawn):
             return
-        self._write(place)
-        if not self._sphere_count:
-            return
-        matrices = gl.view_matrices(camera, clip_range)
-        self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
-        gl.blend_over(self._ctx)
-        if self._bone_count:
-            gl.set_uniforms(self._bones.program, opacity=OPACITY, **matrices)
-            self._bones.render(moderngl.TRIANGLES, VERTICES, instances=self._bone_count)
-        self._ctx.enable_only(moderngl.BLEND)
-        gl.set_uniforms(
-            self._spheres.program,
-            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
-            bias=0.0,
-            pixel_angle=1.0 / camera.focal,
-            opacity=1.0,
-            parallel=camera.parallel,
-            **matrices,
-        )
-        self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=self._sphere_count)
-
-    def _write(self, place):
-        """Bring what is drawn to the buffers, if it has changed."""
         drawn, rigging = self._drawn, self._drawn.rigging
         eye = pose_of(drawn.orbit)  # far ones are drawn first
-        state = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
-        if all(map(operator.is_, state, self._state)):  # none of them is changed in place
-            return
-        self._state = state
-        bones, spheres = bone_instances(drawn), joint_spheres(drawn, place)
-        self._bone_count, self._sphere_count = len(bones), len(spheres)
-        if len(bones):
-            self._buffer.write(bones)
-        if len(spheres):
-            self._sphere_buffer.write(spheres)
+        shown = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
+        self._written.of(shown, lambda: self._write(place))
+        self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
+        gl.blend_over(self._ctx)
+        matrices = gl.view_matrices(camera, clip_range)
+        self._bones.render(moderngl.TRIANGLES, VERTICES, opacity=OPACITY, **matrices)
+        self._ctx.enable_only(moderngl.BLEND)
+        self._spheres.draw(camera, clip_range)
+
+    def _write(self, place):
+        self._bones.write(bone_instances(self._drawn))
+        self._spheres.write(joint_spheres(self._drawn, place))
 
     def release(self) -> None:
-        for one in (self._bones, self._buffer, self._spheres, self._sphere_buffer):
-            one.release()
+        self._bones.release()
+        self._spheres.release()
 
 
 def left_behind(drawn: WithBones) -> bool:

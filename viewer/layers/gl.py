@@ -131,6 +131,32 @@ def blend_over(ctx: moderngl.Context) -> None:
     ctx.blend_func = moderngl.SRC_ALPHA, over, moderngl.ONE, over
 
 
+class Instances:
+    """Many of one shape, each drawn from a row of floats."""
+
+    def __init__(self, ctx: moderngl.Context, name: str, row, floats: int, most: int):
+        """Take the shaders' name, moderngl's format and names of a row, and its length."""
+        self._buffer = ctx.buffer(reserve=4 * floats * most, dynamic=True)
+        self._array = ctx.vertex_array(program(ctx, name), [(self._buffer, *row)])
+        self._count = 0
+
+    def write(self, rows: np.ndarray) -> None:
+        """Draw these from now on.  [N, floats] float32"""
+        self._count = len(rows)
+        if len(rows):
+            self._buffer.write(rows)
+
+    def render(self, mode: int, vertices: int, **uniforms) -> None:
+        """Draw each with so many vertices."""
+        if self._count:
+            set_uniforms(self._array.program, **uniforms)
+            self._array.render(mode, vertices, instances=self._count)
+
+    def release(self) -> None:
+        self._array.release()
+        self._buffer.release()
+
+
 class Canvas:
     """The framebuffer that everything is drawn into: shown in the window, read for files."""
 
@@ -172,11 +198,8 @@ class Canvas:
     def show(self) -> None:
         """Copy it to the window, whose framebuffer has the same size."""
         self._ctx.screen.use()
-        self._ctx.viewport = (
-            0,
-            0,
-            *self._framebuffer.size,
-        )  # moderngl remembers the size of the first window
+        # moderngl remembers the size of the first window.
+        self._ctx.viewport = 0, 0, *self._framebuffer.size
         self._ctx.enable_only(moderngl.NOTHING)
         self._framebuffer.color_attachments[0].use(0)
         self._blit.program["image"].value = 0

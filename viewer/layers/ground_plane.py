@@ -14,6 +14,7 @@ import numpy as np
 
 from ...core.deform import XpbdSolver
 from ...core.field import TetField, subtet_corners, unpack_mask
+from ..document import Body
 from ..settings import Settings
 
 MOST_POINTS = 8_000
@@ -37,10 +38,10 @@ class SubtetMiddles:
         return sum(self.weights[:, k, None] * vertices[self.corners[:, k]] for k in range(4))
 
 
-def occupied_middles(field, most: int = MOST_POINTS) -> SubtetMiddles:
-    """The middles of a field's occupied sub-tets, at most so many, evenly chosen."""
+def occupied_middles(field) -> SubtetMiddles:
+    """The middles of a field's occupied sub-tets, at most MOST_POINTS, evenly chosen."""
     tet, subtet = np.nonzero(unpack_mask(field.occupancy))
-    step = max(1, -(-len(tet) // most))
+    step = max(1, -(-len(tet) // MOST_POINTS))
     tet, subtet = tet[::step], subtet[::step]
     weights = subtet_corners().mean(axis=1).astype(np.float32)
     return SubtetMiddles(field.mesh.tets[tet], weights[subtet])
@@ -92,13 +93,6 @@ def _blurred(picture, width: int):
     return picture
 
 
-class Measured(Protocol):
-    """A body of a size."""
-
-    meters: float
-    meters_per_unit: float
-
-
 class RemainingField(Protocol):
     """What was not deleted of a field."""
 
@@ -119,7 +113,7 @@ class OnGround(Protocol):
     positions: np.ndarray  # [V, 3]
     revision: int  # of the positions
     solver: XpbdSolver
-    body: Measured
+    body: Body
     cuts: RemainingField
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.field import TetField
 from ..camera import Orbit, pose_of
-from ..document import MOST_ADDED, MOST_POINTS, Ball, Grab
+from ..document import MOST_ADDED, MOST_POINTS, Ball, Body, Grab
 from ..settings import Settings
 from . import gl
 
@@ -40,12 +40,6 @@ class DrawnHandles(Protocol):
     def factors(self, ids) -> np.ndarray: ...
 
 
-class Painted(Protocol):
-    """A body."""
-
-    factors: np.ndarray | None  # of its stiffness  [V]
-
-
 class WithSpheres(Protocol):
     """The object whose spheres are drawn."""
 
@@ -55,8 +49,29 @@ class WithSpheres(Protocol):
     handle_radius: float
     handle_bias: float
     ball: Ball | None
-    body: Painted
+    body: Body
     handles: DrawnHandles
+
+
+class Spheres(gl.Instances):
+    """Spheres of a center, a radius and a tint each."""
+
+    def __init__(self, ctx: moderngl.Context, most: int):
+        row = "3f 1f 3f/i", "center", "radius", "tint"
+        super().__init__(ctx, "handles", row, SPHERE_FLOATS, most)
+
+    def draw(self, camera, clip_range, bias: float = 0.0, opacity: float = 1.0) -> None:
+        """Draw into the framebuffer in use, nearer by the bias than they are [model units]."""
+        self.render(
+            moderngl.TRIANGLE_STRIP,
+            vertices=4,
+            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
+            bias=bias,
+            pixel_angle=1.0 / camera.focal,
+            opacity=opacity,
+            parallel=camera.parallel,
+            **gl.view_matrices(camera, clip_range),
+        )
 
 
 class HandleLayer:
@@ -64,46 +79,25 @@ class HandleLayer:
 
     def __init__(self, ctx: moderngl.Context, drawn: WithSpheres):
         self._ctx, self._drawn = ctx, drawn
-        mesh = drawn.field.mesh
-        most = mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
-        size = 4 * SPHERE_FLOATS * most
-        self._sphere_buffer = ctx.buffer(reserve=size, dynamic=True)
-        layout = (self._sphere_buffer, "3f 1f 3f/i", "center", "radius", "tint")
-        self._spheres = ctx.vertex_array(gl.program(ctx, "handles"), [layout])
+        most = drawn.field.mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
+        self._spheres = Spheres(ctx, most)
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
-        if self._drawn.settings.show_handles or self._drawn.ball is not None:
-            self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-            gl.blend_over(self._ctx)
-            self._draw_spheres(camera, clip_range)
+        drawn, spheres = self._drawn, self._spheres
+        if not drawn.settings.show_handles and drawn.ball is None:
+            return
+        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        gl.blend_over(self._ctx)
+        spheres.write(sphere_instances(drawn))
+        spheres.draw(camera, clip_range, drawn.handle_bias)
+        spheres.write(held_sphere(drawn))  # what of it is inside the object, faintly
+        self._ctx.depth_func = ">"
+        spheres.draw(camera, clip_range, drawn.handle_bias, GHOST)
+        self._ctx.depth_func = "<="
 
     def release(self) -> None:
         self._spheres.release()
-        self._sphere_buffer.release()
-
-    def _draw_spheres(self, camera, clip_range):
-        instances = sphere_instances(self._drawn)
-        if not len(instances):
-            return
-        self._sphere_buffer.write(instances)
-        gl.set_uniforms(
-            self._spheres.program,
-            depth_terms=gl.depth_terms(*clip_range, camera.parallel),
-            bias=self._drawn.handle_bias,
-            pixel_angle=1.0 / camera.focal,
-            opacity=1.0,
-            parallel=camera.parallel,
-            **gl.view_matrices(camera, clip_range),
-        )
-        self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(instances))
-        held = held_sphere(self._drawn)
-        if len(held):  # what of it is inside the object, faintly
-            self._sphere_buffer.write(held)
-            gl.set_uniforms(self._spheres.program, opacity=GHOST)
-            self._ctx.depth_func = ">"
-            self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(held))
-            self._ctx.depth_func = "<="
 
 
 def sphere_instances(drawn: WithSpheres):

@@ -16,7 +16,6 @@ class PhotoLayer:
         self._texture = self._photograph = None
 
     def draw(self, photograph: Photograph, camera, places: Places, settings) -> None:
-        """Draw into the framebuffer in use."""
         if photograph is not self._photograph:
             self._upload(photograph)
         lens, size = photograph.lens, np.array([photograph.lens.width, photograph.lens.height])

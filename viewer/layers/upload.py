@@ -57,8 +57,27 @@ def image_target(ctx: moderngl.Context, size: tuple[int, int], device: str, path
     return SharedImage(ctx, size, device) if path == "buffer" else ImageTexture(ctx, size)
 
 
-class SharedImage:
-    """A color and a depth image of one size in an OpenGL buffer that CUDA writes and shaders read.
+class ImageTarget:
+    """A color and a depth image of one size that shaders read, filled by strips of rows."""
+
+    def prepare(self) -> None:
+        """Begin to make it ready for the next `write`; does not wait."""
+
+    def write_color(self, color, first_row: int = 0) -> None:
+        """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
+        self._write([color], first_row)
+
+    def write(self, image, first_row: int = 0) -> None:
+        """Put an Image of core/render at `first_row`, counted from the top."""
+        self._write([image.color, image.depth], first_row)
+
+    def _check(self, pixels, first_row):
+        height, width = pixels.shape
+        assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
+
+
+class SharedImage(ImageTarget):
+    """Both images in an OpenGL buffer that CUDA writes.
 
     Textures would be a copy more: of 1920x1080, some 0.5 ms.  Before CUDA may write, the GPU waits
     0.3 ms for OpenGL: `prepare` has it wait while an image is rendered.
@@ -106,22 +125,13 @@ class SharedImage:
         self._shared.unmap()
         self._mapped = None
 
-    def write_color(self, color, first_row: int = 0) -> None:
-        """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
-        self._write([color], first_row)
-
-    def write(self, image, first_row: int = 0) -> None:
-        """Put an Image of core/render at `first_row`, counted from the top."""
-        self._write([image.color, image.depth], first_row)
-
     def _write(self, arrays, first_row):
-        height, width = arrays[0].shape
-        assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
+        self._check(arrays[0], first_row)
         if self._mapped is None:
             self._mapped = self._map()
         wp.get_stream(self._device).wait_stream(self._beside)
         for index, array in enumerate(arrays):
-            start = self._mapped.ptr + index * self._byte_count + 4 * first_row * width
+            start = self._mapped.ptr + index * self._byte_count + 4 * first_row * self.size[0]
             target = wp.array(ptr=start, dtype=array.dtype, shape=array.shape, device=array.device)
             wp.copy(target, array)
         self._unmap()
@@ -152,8 +162,8 @@ class SharedImage:
         self._buffer.release()
 
 
-class ImageTexture:
-    """A color and a depth texture of one size, which the host fills by strips of rows."""
+class ImageTexture(ImageTarget):
+    """A texture of each, which the host fills."""
 
     is_buffer = False
 
@@ -167,23 +177,11 @@ class ImageTexture:
             texture.repeat_x = texture.repeat_y = False
         self._pinned = {}  # memory of the host that CUDA copies to, by the pixels' type
 
-    def prepare(self) -> None:
-        """As SharedImage's: there is nothing to prepare."""
-
-    def write_color(self, color, first_row: int = 0) -> None:
-        """Put colors [h, w] vec4ub at `first_row`, counted from the top."""
-        self._write([color], [self.color], first_row)
-
-    def write(self, image, first_row: int = 0) -> None:
-        """Put an Image of core/render at `first_row`, counted from the top."""
-        self._write([image.color, image.depth], [self.color, self.depth], first_row)
-
-    def _write(self, arrays, textures, first_row):
-        height, width = arrays[0].shape
-        assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
-        viewport = 0, first_row, width, height
-        for texture, pixels in zip(textures, arrays, strict=True):
-            texture.write(self._on_host(pixels), viewport=viewport)
+    def _write(self, arrays, first_row):
+        self._check(arrays[0], first_row)
+        for texture, pixels in zip((self.color, self.depth), arrays, strict=False):
+            height, width = pixels.shape
+            texture.write(self._on_host(pixels), viewport=(0, first_row, width, height))
 
     def _on_host(self, pixels):
         """The pixels as a NumPy array, which the next call may overwrite."""

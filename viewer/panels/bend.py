@@ -1,7 +1,6 @@
 """The task *Bend*: the hand, the material, what surrounds the object, and time."""
 
 import math
-from functools import partial
 
 from imgui_bundle import imgui
 
@@ -9,41 +8,18 @@ from ...core.deform import HELD_SHARE, LOWEST_POISSON_RATIO, PRESETS, TIME_STEP,
 from ..document import EARTH
 from ..layers import line_spacing
 from ..settings import DELETING, GIZMOS, GRAB_RADII
-from .widgets import (
-    LOGARITHMIC,
-    action_box,
-    buttons,
-    checkbox,
-    combo,
-    named,
-    number_setting,
-    section,
-    segments,
-    setting,
-    slider,
-    text_field,
-)
+from . import widgets as w
 
-YOUNG_MODULI = 1e3, 1e9  # Pa
-POISSON_RATIOS = 0.0, 0.49
-DAMPINGS = 0.0, 20.0  # 1/s
-SUBSTEP_COUNTS = 1, 500
-GRAVITIES = 0.1, 3.0 * EARTH
-SIZES = 0.01, 100.0  # m
-YIELD_STRAINS = 0.0, 0.5
-AIR_DRAGS = 0.0, 10.0  # 1/s
-WINDS = -20.0, 20.0  # m/s
 MATERIALS = {"default": Material(), **PRESETS}
 PRICE = "what they took of each 60th of a second when the object moved last"
 HOLDS = "about the stiffness (Young's modulus) that the object has with these substeps"
 SUBSTEPS = "steps of the solver in a 60th of a second: more are slower, and hold stiffer materials"
 AUTOMATIC = "as many substeps as hold the stiffness, up to a quarter of the time"
 POISSON = "how much it gets thinner where it is stretched: near 0.5 it keeps its volume"
-DAMPING = "how fast vibrations fade"
 SIZE = "longest side: what is smaller is stiffer for its weight, and moves faster"
 YIELD = "how far edges are strained before they stay so"
-AIR = "how fast it brakes what moves"
 TAKES = "how far around the mouse a drag takes the object along; the wheel does it, too"
+ANYWHERE = "on the object, not only at red points"
 SOFT = "pull with springs, weaker towards the radius, instead of moving exactly"
 AMOUNTS = {  # by which the gizmo can move, turn or scale: an example, and the unit
     "move": ("0.1", "in sizes of the object"),
@@ -56,26 +32,24 @@ STEPS_SHOWN = 8  # of what was done
 
 def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actions):
     """What a beginner needs first; physics under *Advanced*."""
-    buttons(actions, "pause", "reset")
-    if section("Hand"):
+    w.buttons(actions, "pause", "reset")
+    if w.section("Hand"):
         text = f"{100.0 * settings.grab_radius:.0f} %% of its size"
-        number_setting("takes along", settings, "grab_radius", GRAB_RADII, text, 0, TAKES)
-        setting("grab anywhere", settings, "grab_anywhere", "on the object, not only at red points")
+        w.slider("takes along", *w.of(settings, "grab_radius"), GRAB_RADII, text, 0, TAKES)
+        w.checkbox("grab anywhere", *w.of(settings, "grab_anywhere"), ANYWHERE)
         imgui.same_line()
-        setting("soft grip", settings, "soft_grab", SOFT)
+        w.checkbox("soft grip", *w.of(settings, "soft_grab"), SOFT)
         _gizmo(settings, controls, gui, actions)
         _selection(handles)
         _tool_options(settings, cuts, body, actions)
-    if section("Material"):
-        combo("material", body.material, MATERIALS, lambda one: body.set_material(**vars(one)))
-        text = f"{si(body.material.young_modulus)}Pa"
-        _material_slider(
-            body, "stiffness", "young_modulus", YOUNG_MODULI, text, LOGARITHMIC, "Young's modulus"
-        )
-        buttons(actions, "rest_here", *["undo_rest_here"] * body.rests_elsewhere)
-    if section("World"):
+    if w.section("Material"):
+        w.combo("material", body.material, lambda one: body.set_material(**vars(one)), MATERIALS)
+        text, stiffness = f"{si(body.material.young_modulus)}Pa", _material(body, "young_modulus")
+        w.slider("stiffness", *stiffness, (1e3, 1e9), text, w.LOGARITHMIC, "Young's modulus")
+        w.buttons(actions, "rest_here", *["undo_rest_here"] * body.rests_elsewhere)
+    if w.section("World"):
         _world(scene, body)
-    if section("Advanced", is_open=False):
+    if w.section("Advanced", is_open=False):
         _advanced(body, times, actions)
 
 
@@ -83,9 +57,9 @@ def _gizmo(settings, controls, gui, actions) -> None:
     """What the gizmo does, and along which axes."""
     words = {kind: kind.capitalize() for kind in GIZMOS}
     told = actions.told("next_gizmo")
-    segments(words, settings.gizmo, partial(setattr, settings, "gizmo"), lambda kind: told)
+    w.segments(words, *w.of(settings, "gizmo"), lambda kind: told)
     imgui.same_line()
-    action_box(actions, "own_axes")
+    w.action_box(actions, "own_axes")
     gizmo = controls.tool.gizmo
     if gizmo is not None and imgui.tree_node("by numbers"):
         _amount(controls, gui, gizmo.kind)
@@ -95,7 +69,7 @@ def _gizmo(settings, controls, gui, actions) -> None:
 def _amount(controls, gui, kind):
     """A number, and buttons that move, turn or scale by it."""
     example, unit = AMOUNTS[kind]
-    gui.amount = text_field("##amount", gui.amount, example, AMOUNT_WIDTH)
+    gui.amount = w.text_field("##amount", gui.amount, example, AMOUNT_WIDTH)
     imgui.set_item_tooltip(unit)
     for axis, name in enumerate("xyz"):
         imgui.same_line()
@@ -109,7 +83,7 @@ def _selection(handles):
     if len(handles.selected) == 1:
         (handle,) = handles.selected
         imgui.set_item_tooltip(f"deformrf view --drag takes it as {handle}")
-        changed, text = imgui.input_text(named("name"), handles.names.get(handle, ""))
+        changed, text = imgui.input_text(w.named("name"), handles.names.get(handle, ""))
         if changed:
             handles.name(handle, text)
 
@@ -125,11 +99,14 @@ def vertex_line(handles) -> str:
     return f"{len(handles.selected)} selected" if handles.selected else "nothing under the mouse"
 
 
-def _material_slider(body, label, name, bounds, text, flags=0, tooltip=""):
-    def change(value):
-        body.set_material(**{name: value})
+def _material(body, name):
+    """An attribute of the material, as `w.of` has those of others."""
+    return getattr(body.material, name), lambda value: body.set_material(**{name: value})
 
-    slider(label, getattr(body.material, name), bounds, text, change, flags, tooltip)
+
+def _option(body, name):
+    """One of the solver's options, likewise."""
+    return getattr(body.solver.options, name), lambda value: body.set_options(**{name: value})
 
 
 def _tool_options(settings, cuts, body, actions):
@@ -140,59 +117,47 @@ def _tool_options(settings, cuts, body, actions):
     painted = body.factors is not None
     names = ["delete_specks"] * has_deleted + ["clear_paint"] * painted
     if names:
-        buttons(actions, *names, "save_model")
+        w.buttons(actions, *names, "save_model")
 
 
 def _world(scene, body):
     """What the object is held by, and what it meets."""
-    checkbox("foot held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
+    w.checkbox("foot held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
     imgui.same_line()
     apart = f"its lines are {line_spacing(body.meters):g} m apart"
     tooltip = f"what the object can fall and lie on; {apart}"
-    checkbox("solid ground", scene.on_ground, scene.set_ground, tooltip)
+    w.checkbox("solid ground", scene.on_ground, scene.set_ground, tooltip)
     imgui.same_line()
     on = body.gravity > 0.0
-    checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
+    w.checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
     if on:
-        slider("strength", body.gravity, GRAVITIES, "%.1f m/s²", scene.set_gravity)
+        w.slider("strength", body.gravity, scene.set_gravity, (0.1, 3.0 * EARTH), "%.1f m/s²")
 
 
 def _advanced(body, times, actions):
     """Physics: the rest of the material, the air, and the solver."""
-    buttons(actions, "single_step")
-    _material_slider(body, "Poisson ratio", "poisson_ratio", POISSON_RATIOS, "%.2f", 0, POISSON)
+    w.buttons(actions, "single_step")
+    poisson, damping = _material(body, "poisson_ratio"), _material(body, "damping")
+    w.slider("Poisson ratio", *poisson, (0.0, 0.49), "%.2f", 0, POISSON)
     if body.material.poisson_ratio < LOWEST_POISSON_RATIO:
         imgui.text(f"{LOWEST_POISSON_RATIO} is held: springs can't follow a lower ratio")
-    _material_slider(body, "damping", "damping", DAMPINGS, "%.1f per s", 0, DAMPING)
-    slider("size", body.meters, SIZES, "%.3g m", body.set_meters, LOGARITHMIC, SIZE)
-    _yielding(body)
-
-    def set_contact(on):
-        body.set_options(contact=on)
-
-    checkbox("contact", body.solver.options.contact, set_contact, "it collides with itself")
-    slider("air drag", body.air_drag, AIR_DRAGS, "%.1f per s", body.set_air_drag, tooltip=AIR)
+    w.slider("damping", *damping, (0.0, 20.0), "%.1f per s", 0, "how fast vibrations fade")
+    w.slider("size", body.meters, body.set_meters, (0.01, 100.0), "%.3g m", w.LOGARITHMIC, SIZE)
+    strain, change = _material(body, "yield_strain")
+    shown, text = (0.0, "never") if math.isinf(strain) else (strain, "strain %.2f")
+    w.slider("yields", shown, lambda at: change(at or math.inf), (0.0, 0.5), text, 0, YIELD)
+    w.checkbox("contact", *_option(body, "contact"), "it collides with itself")
+    drag, told = (body.air_drag, body.set_air_drag), "how fast it brakes what moves"
+    w.slider("air drag", *drag, (0.0, 10.0), "%.1f per s", tooltip=told)
     if body.air_drag:
-        slider("wind", body.wind, WINDS, "%.1f m/s", body.set_wind, tooltip="along x")
+        w.slider("wind", body.wind, body.set_wind, (-20.0, 20.0), "%.1f m/s", tooltip="along x")
     _substeps(body, times)
 
 
-def _yielding(body):
-    def change(strain):
-        body.set_material(yield_strain=strain or math.inf)
-
-    strain = 0.0 if math.isinf(body.material.yield_strain) else body.material.yield_strain
-    text = "strain %.2f" if strain else "never"
-    slider("yields", strain, YIELD_STRAINS, text, change, tooltip=YIELD)
-
-
 def _substeps(body, times):
-    def change(count):
-        body.set_options(substep_count=count)
-
-    count = body.solver.options.substep_count
-    slider("substeps", count, SUBSTEP_COUNTS, "%.0f", change, LOGARITHMIC, SUBSTEPS)
-    checkbox("automatic", body.automatic_substeps, body.set_automatic_substeps, AUTOMATIC)
+    count = _option(body, "substep_count")
+    w.slider("substeps", *count, (1, 500), "%.0f", w.LOGARITHMIC, SUBSTEPS)
+    w.checkbox("automatic", body.automatic_substeps, body.set_automatic_substeps, AUTOMATIC)
     imgui.same_line()
     seconds = times.tick_seconds()
     imgui.text_disabled(f"{1e3 * seconds:.1f} of {1e3 * TIME_STEP:.1f} ms")
@@ -219,8 +184,7 @@ def si(value: float, digits: int = 3) -> str:
 
 
 def history_panel(journal, actions):
-    """Undo, redo, and the session."""
-    buttons(actions, "undo", "redo", "save_session")
+    w.buttons(actions, "undo", "redo", "save_session")
     for line, undone in shown_steps(journal):
         (imgui.text_disabled if undone else imgui.text)(line)
 

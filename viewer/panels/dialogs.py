@@ -18,13 +18,13 @@ GO_ON = {FILM: ("Wait and quit", "wait for it"), WORK: ("Save and quit", "save")
 WAYS = {imgui.Key.up_arrow: -1, imgui.Key.down_arrow: 1}
 
 
-def dialog_window(questions, begin_training, actions, settings) -> None:
+def dialog_window(questions, watcher, actions, settings) -> None:
     """Draw the dialog of a window; it is None once the user has answered."""
     width, dialog = min(WIDTH, imgui.get_io().display_size.x - 60.0), questions.dialog
     imgui.push_text_wrap_pos(width)
     imgui.text(readable(dialog.title))
     if isinstance(dialog, TrainOffer):
-        done = _offer(dialog, begin_training)
+        done = _offer(dialog, watcher)
     elif isinstance(dialog, ActionSearch):
         done = _search(dialog, settings.keys, width)
     else:
@@ -36,12 +36,11 @@ def dialog_window(questions, begin_training, actions, settings) -> None:
             actions.call(done)
 
 
-def _offer(offer, begin):
-    """Ask whether photographs shall be trained."""
+def _offer(offer, watcher):
     for line in offer.lines():
         imgui.text_wrapped(line)
     if imgui.button("Train"):
-        begin()
+        watcher.begin_offered()
         return True
     imgui.same_line()
     return imgui.button("Not now")

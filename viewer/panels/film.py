@@ -4,17 +4,7 @@ from imgui_bundle import imgui
 
 from ..files import readable
 from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECONDS
-from .widgets import (
-    action_box,
-    buttons,
-    choice_setting,
-    named,
-    number_setting,
-    setting,
-    sides,
-    text_field,
-    was_entered,
-)
+from . import widgets as w
 
 FILM_WIDTH = 340.0
 BUTTONS = 130.0  # points that the window takes besides what is chosen
@@ -31,13 +21,12 @@ RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
 
 
 def filming_panel(recorder, actions):
-    """Pictures, recordings, films."""
-    buttons(actions, "record", "save_film", "screenshot", "record_screen")
+    w.buttons(actions, "record", "save_film", "screenshot", "record_screen")
     if video := recorder.video:
         told = f"{video.repeated_count} repeated, {video.dropped_count} left out"
         imgui.text(f"{video.frame_count} frames, {told}")
     for name in ("frame_guide", "toggle_transparent", *IN_PICTURES):
-        action_box(actions, name)
+        w.action_box(actions, name)
 
 
 def recording_line(takes, recorder) -> str:
@@ -49,7 +38,6 @@ def recording_line(takes, recorder) -> str:
 
 
 def film_window(takes) -> None:
-    """Ask what film to make."""
     choices = takes.choices
     imgui.text("What should the film show?")
     height = imgui.get_io().display_size.y - BUTTONS
@@ -67,7 +55,7 @@ def film_window(takes) -> None:
     imgui.text_wrapped(readable(takes.problem or known))
     imgui.pop_text_wrap_pos()
     imgui.begin_disabled(not is_good)
-    if (imgui.button("Render") or was_entered()) and is_good:
+    if (imgui.button("Render") or w.was_entered()) and is_good:
         takes.start_film()
     imgui.set_item_tooltip(f"writes {readable(choices.path)}")
     imgui.end_disabled()
@@ -86,28 +74,28 @@ def _kinds(takes):
             choices.what = kind
         imgui.end_disabled()
     if choices.what == "turntable":
-        number_setting("seconds a turn", choices, "turn_seconds", TURN_SECONDS, "%.1f")
+        w.slider("seconds a turn", *w.of(choices, "turn_seconds"), TURN_SECONDS, "%.1f")
 
 
 def _picture(choices, window_size):
     """Its size, rate and looks."""
     sizes = {size.replace("x", " x ") + FORMS.get(size, ""): size for size in SIZES}
-    choice_setting("size", choices, "size", sizes)
+    w.combo("size", *w.of(choices, "size"), sizes)
     if choices.size == FREE:
-        sides("width, height", choices, "free_size")
+        w.sides("width, height", choices, "free_size")
     if choices.size not in FORMS:  # which say so themselves
         imgui.text_disabled(choices.size_line(window_size))
-    choice_setting("frames a second", choices, "fps", RATES)
-    choice_setting("samples", choices, "samples", SAMPLE_COUNTS, SAMPLES_TOOLTIP)
-    choice_setting("format", choices, "format", list(FORMATS))
+    w.combo("frames a second", *w.of(choices, "fps"), RATES)
+    w.combo("samples", *w.of(choices, "samples"), SAMPLE_COUNTS, SAMPLES_TOOLTIP)
+    w.combo("format", *w.of(choices, "format"), list(FORMATS))
     imgui.begin_disabled(choices.samples == 1)
-    setting("motion blur", choices, "blur", BLUR_TOOLTIP)
+    w.checkbox("motion blur", *w.of(choices, "blur"), BLUR_TOOLTIP)
     imgui.end_disabled()
     imgui.same_line()
     imgui.begin_disabled(not choices.can_be_transparent)
-    setting("transparent", choices, "transparent")
+    w.checkbox("transparent", *w.of(choices, "transparent"))
     imgui.end_disabled()
-    setting("red points and bones in this film", choices, "handles")
+    w.checkbox("red points and bones in this film", *w.of(choices, "handles"))
 
 
 def _file(choices, problem):
@@ -115,8 +103,8 @@ def _file(choices, problem):
     if problem and not imgui.is_any_item_active():
         imgui.set_keyboard_focus_here()
     flags = imgui.InputTextFlags_.auto_select_all.value
-    choices.name = imgui.input_text(named("name"), choices.name, flags)[1]
-    choices.folder = text_field(named("folder"), choices.folder, FOLDER_HINT)
+    choices.name = imgui.input_text(w.named("name"), choices.name, flags)[1]
+    choices.folder = w.text_field(w.named("folder"), choices.folder, FOLDER_HINT)
     imgui.text_wrapped(readable(choices.path) if choices.name else "a film needs a name")
 
 

@@ -16,7 +16,6 @@ def help_size() -> tuple[float, float]:
 
 
 def help_window(settings, gui) -> None:
-    """Draw it into the window that is being built."""
     imgui.align_text_to_frame_padding()
     imgui.text("Keys and gestures")
     imgui.same_line(imgui.get_window_width() - 60.0)

@@ -144,7 +144,11 @@ def _items(menu, actions, preferences, opening):
         if item is None:
             imgui.separator()
         elif not isinstance(item, dict):
-            _item(title, item, actions)
+            on = actions.is_on(item.action)
+            shown = item.stop if on and item.stop else title
+            if imgui.menu_item_simple(shown, item.label, on and not item.stop):
+                actions.call(item.action)
+            imgui.set_item_tooltip(item.help)
             if item.action == "open":
                 recent_items(preferences, opening)
         elif item and imgui.begin_menu(title):
@@ -160,11 +164,3 @@ def recent_items(preferences, opening):
                 opening.asked = path
             imgui.set_item_tooltip(readable(path))
         imgui.end_menu()
-
-
-def _item(title, entry, actions):
-    on = actions.is_on(entry.action)
-    title = entry.stop if on and entry.stop else title
-    if imgui.menu_item_simple(title, entry.label, on and not entry.stop):
-        actions.call(entry.action)
-    imgui.set_item_tooltip(entry.help)

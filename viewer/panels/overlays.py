@@ -37,7 +37,6 @@ OUTSIDE, FRAME = (0.0, 0.0, 0.0, 0.25), (1.0, 0.55, 0.1, 0.9)  # of a film's pic
 
 
 def gizmo_overlay(controls, fly) -> None:
-    """Draw the gizmo."""
     gizmo = None if fly.on else controls.tool.gizmo
     if gizmo is None:
         return
@@ -124,7 +123,6 @@ def _axis_line(controls, size, lines, axis):
 
 
 def brush_overlay(settings, controls, gui) -> None:
-    """Draw the ring of the brush around the mouse."""
     in_view = not gui.mouse_on_panel
     gui.point_with_cross(in_view and controls.tool.cross)
     if settings.tool != BRUSH or not in_view:

@@ -7,17 +7,7 @@ from imgui_bundle import imgui
 from ...wings.rig import METHODS
 from ..actions import bone_line, name_bone
 from ..document import SPEEDS
-from .widgets import (
-    action_box,
-    button,
-    buttons,
-    combo,
-    delete_button,
-    named,
-    section,
-    slider,
-    text_field,
-)
+from . import widgets as w
 
 NO_BONES = "Place joints, and click on the object: where a leg begins, at its knee, at its foot."
 NO_CLIPS = "Key poses of bones on the timeline, and save them as a clip."
@@ -28,29 +18,29 @@ FADES = "while one plays, its pose fades into that of the next"
 
 
 def rig_panel(settings, rigging, posing, actions, say):
-    buttons(actions, "joints", "bones")
+    w.buttons(actions, "joints", "bones")
     imgui.same_line()
-    action_box(actions, "toggle_bones")
+    w.action_box(actions, "toggle_bones")
     imgui.text_wrapped(bone_line(rigging))
     if rigging.skeleton is None:
         imgui.text_wrapped(NO_BONES)
         return
     bone = rigging.chosen_bone
     if bone is not None:
-        changed, text = imgui.input_text(named("bone"), rigging.skeleton.names[bone])
+        changed, text = imgui.input_text(w.named("bone"), rigging.skeleton.names[bone])
         if changed:
             name_bone(rigging, say, bone, text)
         if imgui.button("Bone at rest"):
             posing.rest_bones([bone])
         imgui.same_line()
-    button(actions, "rest_bones")
+    w.button(actions, "rest_bones")
     if bone is not None and settings.tool == "joints":
         imgui.same_line()
-        button(actions, "delete_key", "Delete joint")
-    if section("Skinning"):
-        slider("softness", posing.softness, (0.0, 1.0), "%.2f", posing.set_softness, 0, SOFTNESS)
-        combo("method", posing.method, METHODS, posing.set_skinning, SKINNING)
-        button(actions, "save_model")
+        w.button(actions, "delete_key", "Delete joint")
+    if w.section("Skinning"):
+        w.slider("softness", posing.softness, posing.set_softness, (0.0, 1.0), "%.2f", 0, SOFTNESS)
+        w.combo("method", posing.method, posing.set_skinning, METHODS, SKINNING)
+        w.button(actions, "save_model")
 
 
 def _choose(posing, name):
@@ -68,16 +58,16 @@ def clips_panel(rigging, posing, strip, actions):
         imgui.text_wrapped(NO_CLIPS)
     else:
         names = [one.name for one in rigging.clips]
-        combo("clip", clip.name, names, partial(_choose, posing), FADES)
-        button(actions, "play_clip")
+        w.combo("clip", clip.name, partial(_choose, posing), names, FADES)
+        w.button(actions, "play_clip")
         imgui.same_line()
-        action_box(actions, "loop_clip")
+        w.action_box(actions, "loop_clip")
         imgui.same_line()
-        delete_button(rigging.delete_clip, clip.name)
+        w.delete_button(rigging.delete_clip, clip.name)
         seconds = posing.seconds if clip.name == posing.clip else 0.0
         text = f"%.2f of {clip.duration:.2f} s"
-        slider("time", seconds, (0.0, clip.duration), text, partial(posing.scrub_clip, clip.name))
-        slider("speed", posing.speed, SPEEDS, "%.2f", posing.set_clip_speed)
-    strip.clip_name = text_field("##clip name", strip.clip_name, "a name", width=120.0)
+        w.slider("time", seconds, partial(posing.scrub_clip, clip.name), (0.0, clip.duration), text)
+        w.slider("speed", posing.speed, posing.set_clip_speed, SPEEDS, "%.2f")
+    strip.clip_name = w.text_field("##clip name", strip.clip_name, "a name", width=120.0)
     imgui.same_line()
-    button(actions, "save_clip")
+    w.button(actions, "save_clip")

@@ -14,17 +14,8 @@ from ..document import (
     as_time,
     shown_ticks,
 )
+from . import widgets as w
 from .rig import clips_panel
-from .widgets import (
-    action_box,
-    button,
-    combo,
-    delete_button,
-    number_setting,
-    section,
-    slider,
-    text_field,
-)
 
 STRIP_HEIGHT = 144.0
 RULER, LANE = 20.0, 22.0  # heights
@@ -32,7 +23,6 @@ NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
 WIDE = 780.0  # of a strip with space for whole words
-TURNS = 1.0, 60.0  # s
 STEPS = """1  Pose the object and turn the view. {key} keeps both, as a key.
 2  Move the red line, and make the next key.
 3  {play} plays. {turn} turns the camera around the object."""
@@ -60,20 +50,20 @@ def timeline_strip(timeline, strip, settings, actions, say):
 
 def _buttons(timeline, strip, actions):
     is_wide = imgui.get_content_region_avail().x >= WIDE
-    button(actions, "play", "" if is_wide else actions.title("play").partition(" ")[0])
+    w.button(actions, "play", "" if is_wide else actions.title("play").partition(" ")[0])
     imgui.same_line()
-    action_box(actions, "toggle_loop")
+    w.action_box(actions, "toggle_loop")
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
     for name, gap in (("key", GAP), ("key_camera", -1.0), ("key_pose", -1.0), ("turntable", GAP)):
         imgui.same_line(0.0, gap)
-        button(actions, name)
+        w.button(actions, name)
     imgui.same_line()
     imgui.set_next_item_width(58.0)
-    number_setting("##turn", strip, "turn_seconds", TURNS, "%.0f s", tooltip="of a turn")
+    w.slider("##turn", *w.of(strip, "turn_seconds"), (1.0, 60.0), "%.0f s", tooltip="of a turn")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
-    combo("##motion", timeline.motion, MOTIONS, timeline.set_motion, MOTION)
+    w.combo("##motion", timeline.motion, timeline.set_motion, MOTIONS, MOTION)
 
 
 # -- the tracks --------------------------------------------------------------------------------
@@ -165,10 +155,10 @@ def _chosen_key(timeline, strip, actions):
     imgui.same_line()
     imgui.set_next_item_width(88.0)
     change = partial(timeline.ease_key, track, tick)
-    combo("##easing", key.easing, list(EASINGS), change, EASING)
+    w.combo("##easing", key.easing, change, list(EASINGS), EASING)
     for name in ("copy_key", "delete_key"):
         imgui.same_line()
-        button(actions, name)
+        w.button(actions, name)
 
 
 # -- saved poses -------------------------------------------------------------------------------
@@ -178,23 +168,23 @@ def animate_panel(timeline, strip, rigging, posing, actions):
     """Keys in a few words, clips, and saved poses."""
     key, play, turn = (actions.label(name) for name in ("key", "play", "turntable"))
     imgui.text_wrapped(STEPS.format(key=key, play=play, turn=turn))
-    action_box(actions, "toggle_timeline")
-    if section("Clips of bones", bool(rigging.clips)):
+    w.action_box(actions, "toggle_timeline")
+    if w.section("Clips of bones", bool(rigging.clips)):
         clips_panel(rigging, posing, strip, actions)
-    if section("Saved poses", bool(timeline.poses)):
+    if w.section("Saved poses", bool(timeline.poses)):
         _poses(timeline, strip, actions)
 
 
 def _poses(timeline, strip, actions):
-    strip.pose_name = text_field("##pose", strip.pose_name, "a name", width=150.0)
+    strip.pose_name = w.text_field("##pose", strip.pose_name, "a name", width=150.0)
     imgui.same_line()
-    button(actions, "save_pose")
+    w.button(actions, "save_pose")
     for pose in timeline.poses:
         imgui.push_id(pose.name)
-        delete_button(timeline.delete_pose, pose.name)
+        w.delete_button(timeline.delete_pose, pose.name)
         imgui.same_line()
         change = partial(timeline.blend_pose, pose.name)
-        slider(pose.name, pose.weight, WEIGHTS, "%.2f", change, tooltip="how much of it")
+        w.slider(pose.name, pose.weight, change, WEIGHTS, "%.2f", tooltip="how much of it")
         imgui.pop_id()
     if timeline.poses:
         imgui.text_disabled("what they differ by from the rest shape")

@@ -24,7 +24,6 @@ def _size():
 
 
 def tool_strip(controls, actions) -> None:
-    """Draw it into the window that is being built."""
     imgui.push_style_var(imgui.StyleVar_.item_spacing.value, (GAP, GAP))
     size = _size()
     for number, group in enumerate(GROUPS):

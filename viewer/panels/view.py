@@ -12,29 +12,14 @@ from ..camera import widened
 from ..files import readable
 from ..layers import SAMPLE_COUNT
 from ..memory import memory_line
-from ..settings import MESH_RANGES, ORBIT_KEYS, PHOTOGRAPHS, SIDES, SURFACES, THEMES
-from .widgets import (
-    LOGARITHMIC,
-    action_box,
-    button,
-    buttons,
-    choice_setting,
-    color,
-    combo,
-    delete_button,
-    number_setting,
-    setting,
-    slider,
-    text_field,
-)
+from ..settings import MESH_RANGES, ORBIT_KEYS, PHOTOGRAPHS, SIDES, SURFACES, TARGETS, THEMES
+from . import widgets as w
 
-ANGLES = 5.0, 100.0  # degrees
 WIDER = "the distance changes with it, so that the object stays as large"
 PHOTOGRAPH = "over the render as long as the camera is where it was taken, or beside it"
 ORBIT = "the key with which a drag on the object turns the view"
 UP = "what the horizon is level to: some captures lie on their side"
 RESOLUTIONS = {"automatic": None, "full": 1.0, "1/2": 0.5, "1/4": 0.25}
-TARGETS = 2.0, 120.0  # frames a second
 PANEL_SCALES = {"80 %": 0.8, "100 %": 1.0, "125 %": 1.25, "150 %": 1.5, "200 %": 2.0}
 SLOW = 0.95  # of the clock, the pace of the object's time that is worth a word
 SHIFTED_TOOLTIP = f"""when nothing moves, {SAMPLE_COUNT} images are rendered, each shifted by
@@ -65,83 +50,77 @@ def model_panel(field, name):
 
 
 def picture_panel(settings, viewpoint, actions):
-    """What the picture shows."""
-    choice_setting("show", settings, "mode", MODES, actions.told("next_mode"))
+    w.combo("show", *w.of(settings, "mode"), MODES, actions.told("next_mode"))
     line = caption(settings.mode, viewpoint.depth_range)
     if line:
         imgui.text_disabled(line)
-    color("background", settings.background, partial(setattr, settings, "background"))
-    setting("checkerboard", settings, "checkerboard")
+    w.color("background", *w.of(settings, "background"))
+    w.checkbox("checkerboard", *w.of(settings, "checkerboard"))
     imgui.same_line()
-    action_box(actions, "toggle_ground")
-    action_box(actions, "toggle_handles")
+    w.action_box(actions, "toggle_ground")
+    w.action_box(actions, "toggle_handles")
     for name in ("toggle_wireframe", "toggle_bones"):
         imgui.same_line()
-        action_box(actions, name)
+        w.action_box(actions, name)
     _mesh(settings, actions)
 
 
 def _mesh(settings, actions):
     lines = (actions.told(action, text) for action, text in SHOWN_ON_MESH.items())
     tooltip = ",\n".join(lines) + ", as means about vertices"
-    choice_setting("mesh", settings, "mesh_surface", SURFACES, tooltip)
+    w.combo("mesh", *w.of(settings, "mesh_surface"), SURFACES, tooltip)
     if settings.mesh_surface == "hidden":
         return
-    tooltip = "1 hides the picture"
-    number_setting("opacity", settings, "mesh_opacity", (0.0, 1.0), "%.2f", tooltip=tooltip)
+    opacity = w.of(settings, "mesh_opacity")
+    w.slider("opacity", *opacity, (0.0, 1.0), "%.2f", tooltip="1 hides the picture")
     if settings.mesh_surface != "plain":
         text = "strain %.2f" if settings.mesh_surface == "strain" else "1 ± %.2f"
-        tooltip = "what the last colors of the legend mean"
-        bounds = MESH_RANGES
-        number_setting("colors to", settings, "mesh_range", bounds, text, LOGARITHMIC, tooltip)
+        most, tooltip = w.of(settings, "mesh_range"), "what the last colors of the legend mean"
+        w.slider("colors to", *most, MESH_RANGES, text, w.LOGARITHMIC, tooltip)
 
 
 # -- the camera ----------------------------------------------------------------------------------
 
 
 def camera_panel(viewpoint, settings, actions):
-    buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
-    _lens(viewpoint, actions)
-    if settings.grab_anywhere:
-        choice_setting("orbit on the object with", settings, "orbit_key", ORBIT_KEYS, ORBIT)
-    _saved(viewpoint, actions)
-
-
-def _lens(viewpoint, actions):
     orbit = viewpoint.orbit
 
     def widen(degrees):
         viewpoint.orbit = widened(orbit, math.radians(degrees))
 
+    w.buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
     angle = math.degrees(orbit.field_of_view)
-    slider("field of view", angle, ANGLES, "%.0f°", widen, tooltip=WIDER)
-    action_box(actions, "toggle_parallel")
-    combo("up", up_name(orbit), [*UPS, FROM_VIEW], partial(set_up, viewpoint), UP)
+    w.slider("field of view", angle, widen, (5.0, 100.0), "%.0f°", tooltip=WIDER)
+    w.action_box(actions, "toggle_parallel")
+    w.combo("up", up_name(orbit), partial(set_up, viewpoint), [*UPS, FROM_VIEW], UP)
+    if settings.grab_anywhere:
+        w.combo("orbit on the object with", *w.of(settings, "orbit_key"), ORBIT_KEYS, ORBIT)
+    _saved(viewpoint, actions)
 
 
 def photographs_panel(photographs, settings, viewpoint, controls, fly, center, actions):
     """The data set's photographs, if its folder was given."""
-    button(actions, "previous_photograph", "<")
+    w.button(actions, "previous_photograph", "<")
     imgui.same_line()
-    button(actions, "next_photograph", ">")
+    w.button(actions, "next_photograph", ">")
     imgui.same_line()
     imgui.text_disabled(line_of(photographs))
     change = partial(show_photograph, photographs, settings, viewpoint, controls, fly, center)
-    combo("photograph", settings.photograph, PHOTOGRAPHS, change, PHOTOGRAPH)
+    w.combo("photograph", settings.photograph, change, PHOTOGRAPHS, PHOTOGRAPH)
     if settings.photograph == "over":
-        number_setting("opacity", settings, "photo_opacity", (0.0, 1.0), "%.2f")
+        w.slider("opacity", *w.of(settings, "photo_opacity"), (0.0, 1.0), "%.2f")
 
 
 def _saved(viewpoint, actions):
-    viewpoint.new_name = text_field("##name", viewpoint.new_name, "a name", width=150.0)
+    viewpoint.new_name = w.text_field("##name", viewpoint.new_name, "a name", width=150.0)
     imgui.same_line()
-    button(actions, "save_view")
+    w.button(actions, "save_view")
     for name in list(viewpoint.saved):
         imgui.push_id(name)
         if imgui.button(name):
             viewpoint.go_to(name)
         imgui.same_line()
-        delete_button(viewpoint.delete, name)
+        w.delete_button(viewpoint.delete, name)
         imgui.pop_id()
 
 
@@ -149,21 +128,19 @@ def _saved(viewpoint, actions):
 
 
 def window_panel(settings):
-    """The looks of the panels."""
-    choice_setting("colors", settings, "theme", THEMES)
-    tooltip = "over what the system says"
-    choice_setting("letters", settings, "panel_scale", PANEL_SCALES, tooltip)
-    choice_setting("panel at", settings, "panel_side", SIDES)
+    w.combo("colors", *w.of(settings, "theme"), THEMES)
+    w.combo("letters", *w.of(settings, "panel_scale"), PANEL_SCALES, "over what the system says")
+    w.combo("panel at", *w.of(settings, "panel_side"), SIDES)
 
 
 def speed_panel(settings, radiance, times, ctx):
     """How finely things are rendered while they move, and how long frames take."""
     tooltip = "while things move; when all is still, the image is refined to full resolution"
-    choice_setting("resolution", settings, "fixed_resolution", RESOLUTIONS, tooltip)
+    w.combo("resolution", *w.of(settings, "fixed_resolution"), RESOLUTIONS, tooltip)
     if settings.fixed_resolution is None:
         tooltip, text = "the resolution while things move follows it", "%.0f frames/s"
-        number_setting("target", settings, "target_fps", TARGETS, text, LOGARITHMIC, tooltip)
-    setting("average shifted images when still", settings, "accumulate", SHIFTED_TOOLTIP)
+        w.slider("target", *w.of(settings, "target_fps"), TARGETS, text, w.LOGARITHMIC, tooltip)
+    w.checkbox("average shifted images when still", *w.of(settings, "accumulate"), SHIFTED_TOOLTIP)
     for line in shown_lines(radiance, times):
         imgui.text_disabled(line)
         imgui.set_item_tooltip(SHOWN_TOOLTIP)
@@ -190,7 +167,7 @@ def _times(settings, radiance, times, ctx):
     imgui.plot_lines("##frames", frames, 0, text, scale_min=0.0, graph_size=(-1.0, 40.0))
     _rows(times.means())
     imgui.text_disabled("means of the last second")
-    setting("stages of rendering", settings, "time_rendering", STAGES_TOOLTIP)
+    w.checkbox("stages of rendering", *w.of(settings, "time_rendering"), STAGES_TOOLTIP)
     if settings.time_rendering:
         _rows(times.rendering)
     imgui.text(memory_line(radiance.device))

@@ -34,12 +34,11 @@ def buttons(actions, *names) -> None:
         button(actions, name)
 
 
-def action_box(actions, action, tooltip="") -> None:
+def action_box(actions, action) -> None:
     """A box with an action's title, for one that is on or off."""
     title = actions.title(action)
-    change = partial(_call, actions, action)
-    label, told = title[0].lower() + title[1:], actions.told(action, tooltip)
-    checkbox(label, actions.is_on(action), change, told)
+    label, is_on = title[0].lower() + title[1:], actions.is_on(action)
+    checkbox(label, is_on, lambda on: actions.call(action), actions.told(action))
 
 
 def delete_button(delete, name) -> None:
@@ -47,10 +46,6 @@ def delete_button(delete, name) -> None:
     if imgui.small_button(icon("trash_can")):
         delete(name)
     imgui.set_item_tooltip(f"delete {name}")
-
-
-def _call(actions, action, on):
-    actions.call(action)
 
 
 def named(label):
@@ -67,7 +62,12 @@ def named(label):
     return f"##{label}"
 
 
-def slider(label, value, bounds, text, change, flags=0, tooltip="") -> None:
+def of(owner, name):
+    """The value of an attribute, as one of the Settings, and a function that gives it another."""
+    return getattr(owner, name), partial(setattr, owner, name)
+
+
+def slider(label, value, change, bounds, text, flags=0, tooltip="") -> None:
     """A slider over an int or a float; calls `change` with a new value.
 
     What is typed may be any number: beyond the bounds it is the bound, and one that is not
@@ -103,7 +103,7 @@ def color(label, value, change) -> None:
         change(tuple(min(max(share, 0.0), 1.0) for share in chosen))
 
 
-def combo(label, value, values, change, tooltip="") -> None:
+def combo(label, value, change, values, tooltip="") -> None:
     """A box to choose one of several values in; calls `change` with another one.
 
     Args:
@@ -133,22 +133,6 @@ def checkbox(label, value, change, tooltip="") -> None:
     _tooltip(tooltip)
     if changed:
         change(value)
-
-
-def setting(label, owner, name, tooltip="") -> None:
-    """A box for one of the Settings, or another attribute that is on or off."""
-    checkbox(label, getattr(owner, name), partial(setattr, owner, name), tooltip)
-
-
-def number_setting(label, owner, name, bounds, text, flags=0, tooltip="") -> None:
-    """The same for a number, with a slider."""
-    change = partial(setattr, owner, name)
-    slider(label, getattr(owner, name), bounds, text, change, flags, tooltip)
-
-
-def choice_setting(label, owner, name, values, tooltip="") -> None:
-    """The same for one of several values, as `combo` has them."""
-    combo(label, getattr(owner, name), values, partial(setattr, owner, name), tooltip)
 
 
 def segments(values, chosen, choose, tooltip=lambda value: "") -> None:

@@ -77,7 +77,6 @@ class Panels:
     # -- a frame -------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """Draw all of them."""
         gui, settings = self._gui, self._app.scene.settings
         covered, size = self.covered(), imgui.get_io().display_size
         for overlay in OVERLAYS:

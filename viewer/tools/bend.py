@@ -173,11 +173,6 @@ class Bend(DragTool):
         self.handles.hover = handle
         self._begin_drag()
 
-    def _grab_selected(self):
-        """Begin the drag of what is selected, as a gizmo or a key does."""
-        self.handles.grab_selected()
-        self._begin_drag()
-
     @property
     def _vertex(self):
         """The first handle of what is grabbed."""
@@ -273,7 +268,8 @@ class Bend(DragTool):
         if chosen and not drags.is_ahead(self.view.camera, self.handles.at(chosen).mean(axis=0)):
             self.view.say(drags.BEHIND)
         elif chosen:
-            self._grab_selected()
+            self.handles.grab_selected()
+            self._begin_drag()
         elif self.handles.hover in self.handles.control_ids:
             self.grab(self.handles.hover)
         elif self.spot is not None:

@@ -52,16 +52,11 @@ class BoneTool(DragTool):
         near = np.flatnonzero(away <= PICK * ratio)
         if len(near):
             return joints[near[np.lexsort((t[near], np.round(away[near] / ratio)))[0]]]
-        if self.on_joints:
-            return None
-        return self._pick_bone(camera, pixel, ratio)
-
-    def _pick_bone(self, camera, pixel, ratio):
         ends = self.scene.posing.ends
         heads, _ = project(camera, ends[:, 0])
         tails, _ = project(camera, ends[:, 1])
         away = np.nan_to_num(away_from_lines(pixel, heads, tails), nan=np.inf)
-        if not len(away) or away.min() > PICK * ratio:
+        if self.on_joints or not len(away) or away.min() > PICK * ratio:
             return None
         bone = int(away.argmin())
         return Joint(bone, "body", ends[bone, 1])

@@ -69,16 +69,12 @@ class Paint(Tool):
 
 
 class Stiffen(Paint):
-    """Makes it stiffer."""
-
     word = "Stiffen"
     name, title, icon = "stiffen", "Stiffen", "gem"
     hint = "Drag over the object: it gets stiffer there.  Esc: back to Bend"
 
 
 class Soften(Paint):
-    """Makes it softer."""
-
     word = "Soften"
     name, title, icon, factor = "soften", "Soften", "feather", 1.0 / 1.2
     hint = "Drag over the object: it gets softer there.  Esc: back to Bend"

@@ -52,15 +52,11 @@ class SelectRegion(Region):
 
 
 class SelectBox(SelectRegion):
-    """In a box."""
-
     word = "Select"
     name, title, icon = "box", "Select in a box", "vector_square"
 
 
 class SelectLasso(SelectRegion):
-    """In a lasso."""
-
     word = "Lasso"
     name, title, icon, shape = "lasso", "Select in a lasso", "draw_polygon", "lasso"
 
@@ -79,14 +75,10 @@ class DeleteRegion(Region):
 
 
 class DeleteBox(DeleteRegion):
-    """In a box."""
-
     word = "Cut box"
     name, title, icon = "delete box", "Delete in a box", "crop_simple"
 
 
 class DeleteLasso(DeleteRegion):
-    """In a lasso."""
-
     word = "Cut out"
     name, title, icon, shape = "delete lasso", "Delete in a lasso", "scissors", "lasso"

@@ -4,8 +4,6 @@ Controls hands each event to the tool in the hand.  Where a tool takes no hold o
 drag is the camera's.  Pixels are the image's.
 """
 
-from abc import ABC, abstractmethod
-
 from ..camera import camera_of, panned, turned
 
 
@@ -82,54 +80,39 @@ class CameraMove(Tool):
         self.view.log(self.mode, yaw=orbit.yaw, pitch=orbit.pitch, target=orbit.target)
 
 
-class DragTool(Tool, ABC):
+class DragTool(Tool):
     """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo.
 
+    Each kind has all of the following.
+
     Attributes:
-        drag: What the button does, a Drag or a kind of its own.
+        drag: What the button does, a Drag or a BoneDrag.
+        held_drag: The same, as long as it holds something; or None.
+        drag_place: Where what is dragged is: the point that the axes of the drag go through.  [3]
+        waits: So far, it may be a click.
+        gizmo: The Gizmo of what is chosen; None without one.
     """
 
-    drag = None
-
-    @property
-    @abstractmethod
-    def waits(self) -> bool:
-        """So far, it may be a click."""
-
-    @property
-    @abstractmethod
-    def gizmo(self):
-        """The Gizmo of what is chosen; None without one."""
-
-    @abstractmethod
-    def has_before_gizmo(self, pixel) -> bool:
-        """Whether something is there that comes before the gizmo: a red point, or a joint."""
+    drag = drag_place = None
 
     @property
     def held_drag(self):
-        """The Drag or BoneDrag in progress, or None."""
         return self.drag
 
-    @property
-    @abstractmethod
-    def drag_place(self):
-        """Where what is dragged is: the point that the axes of the drag go through.  [3]"""
+    def has_before_gizmo(self, pixel) -> bool:
+        """Whether something is there that comes before the gizmo: a red point, or a joint."""
 
-    @abstractmethod
     def take(self, kind: str) -> bool:
         """Take what is chosen, else what is under the mouse, where it was pressed; whether it can.
 
         A button is down on the gizmo, or none is.
         """
 
-    @abstractmethod
     def turn_into(self, kind: str) -> None:
         """Let the drag in progress move, turn or scale what is held."""
 
-    @abstractmethod
     def follow(self, pixel) -> None:
         """Send what is dragged to where the mouse is, or where a number says."""
 
-    @abstractmethod
     def finish(self) -> None:
         """End the drag in progress: what was dragged is let go where it is."""

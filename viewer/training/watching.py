@@ -22,6 +22,7 @@ from ..document import Scene
 from ..files import readable
 from ..layers import choose_path
 from ..loading import Progress, prepare
+from ..showing import show
 from .train_job import TrainJob
 
 log = logging.getLogger(__name__)
@@ -159,7 +160,7 @@ class Watcher:
             for sentence in [] if app.autosave is None else app.autosave.leave():
                 app.recorder.say(sentence)
             app.autosave = None
-        app.show(scene, snapshot.renderer, self._path)
+        show(app, scene, snapshot.renderer, self._path)
         self._scene, self._home = scene, home
 
     def _leave(self):

@@ -19,7 +19,7 @@ class Panel:
         from imgui_bundle import imgui
 
         from deformrf.viewer.gui import Gui
-        from deformrf.viewer.panels import bend
+        from deformrf.viewer.panels import widgets
 
         self.choice, self.texts = None, []
         solver = SimpleNamespace(
@@ -61,7 +61,7 @@ class Panel:
         self.boxes, self.calls, self.dim = {}, [], []
         monkeypatch.setattr(imgui, "combo", self.combo)
         monkeypatch.setattr(imgui, "checkbox", self.checkbox)
-        monkeypatch.setattr(bend, "section", lambda title, is_open=True: True)
+        monkeypatch.setattr(widgets, "section", lambda title, is_open=True: True)
         monkeypatch.setattr(imgui, "text", self.texts.append)
         monkeypatch.setattr(imgui, "text_wrapped", self.texts.append)
         monkeypatch.setattr(imgui, "text_disabled", self.dim.append)

@@ -1,11 +1,12 @@
 """Dialogs and lists keep keyboard and mouse to themselves."""
 
+from dataclasses import replace
 from functools import partial
 
 import pytest
 from asking_app import click, frames, opened, places_of_buttons, press, quit_by, send
 
-from deformrf.viewer.actions import ACTIONS, INPUTS, Action
+from deformrf.viewer.actions import ACTIONS, INPUTS
 from deformrf.viewer.camera import picking
 from deformrf.viewer.files import FileDialog, Problem
 
@@ -85,7 +86,8 @@ def test_no_shortcut_reaches_the_scene_behind(asked, what, drawn, monkeypatch):
     called = []
     for name in ACTIONS:
         if name not in ("quit", "cancel"):
-            monkeypatch.setitem(ACTIONS, name, Action(partial(called.append, name)))
+            noted = replace(ACTIONS[name], function=partial(called.append, name))
+            monkeypatch.setitem(ACTIONS, name, noted)
     if drawn:
         frames(asked)
     for entry in INPUTS:

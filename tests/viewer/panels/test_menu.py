@@ -1,8 +1,10 @@
 """The menus: made from the table of inputs, and usable with the mouse."""
 
+from dataclasses import replace
+
 import pytest
 
-from deformrf.viewer.actions import ACTIONS, INPUTS, SECTIONS, Action, Input, inputs_of
+from deformrf.viewer.actions import ACTIONS, INPUTS, SECTIONS, Input, inputs_of
 from deformrf.viewer.panels import menu as m
 from deformrf.viewer.settings import KEYS
 
@@ -108,7 +110,7 @@ def test_an_item_that_fails_says_so_in_the_menu_bar_and_menus_go_on(app, monkeyp
     def fail():
         raise KeyError("no such thing")
 
-    monkeypatch.setitem(ACTIONS, "redo", Action(fail))
+    monkeypatch.setitem(ACTIONS, "redo", replace(ACTIONS["redo"], function=fail))
     for title in ("Edit", "Redo"):
         click(app, title)
     assert app.gui._failed == {"menus failed: 'no such thing'"}

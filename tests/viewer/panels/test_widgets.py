@@ -47,7 +47,7 @@ def typed(window, monkeypatch):
             imgui.set_next_window_pos((10, 10))
             imgui.set_next_window_size((400, 100))
             imgui.begin("panel")
-            slider("value", state[0], bounds, "%.3g", lambda new: state.append(new), flags)
+            slider("value", state[0], state.append, bounds, "%.3g", flags)
             low = imgui.get_item_rect_min()
             at = round(low.x + 20), round(shown.height - 1 - low.y - 5)
             imgui.end()
@@ -137,6 +137,6 @@ def test_a_list_shows_words_and_gives_values(monkeypatch, value, values, words, 
 
     monkeypatch.setattr(widgets, "named", str)
     monkeypatch.setattr(imgui, "combo", choose_first)
-    widgets.combo("list", value, values, taken.append)
+    widgets.combo("list", value, taken.append, values)
     assert seen == [(words, shown)]
     assert taken == [values["half"] if isinstance(values, dict) else values[0]]

@@ -4,6 +4,7 @@ import pytest
 
 from deformrf.viewer.camera import picking
 from deformrf.viewer.loading import Progress, prepare
+from deformrf.viewer.showing import show
 
 pytestmark = pytest.mark.gl
 
@@ -50,7 +51,7 @@ def test_another_scene_takes_the_place_of_the_one_before(app, ball):
     from pyglet.window import mouse
 
     before = app.scene
-    app.show(*prepare(ball, "another", "cpu", Progress("cpu")), "copy")
+    show(app, *prepare(ball, "another", "cpu", Progress("cpu")), "copy")
     app.scene.settings.show_panel = False
     frames(app, 2)
     vertex = free_vertex(app)

@@ -2,7 +2,7 @@
 
 A tick is a 60th of a second of the object's time.  An edit is a method that `@edit` marks: of
 Scene, or of a class like Body whose object the scene has under the class's name (`scene.body`)
-and which has the scene's `journal`.  Who calls it needs to know nothing of the journal, which
+and which extends Edited.  Who calls it needs to know nothing of the journal, which
 notes the tick, the name and the arguments.  The same edits at the same ticks give the same
 vertices, on one device to the bit (session.py stores and plays them).
 
@@ -128,6 +128,27 @@ def _is_finite(value):
     if isinstance(value, dict):
         return all(map(_is_finite, value.values()))
     return not isinstance(value, list) or all(map(_is_finite, value))
+
+
+class Edited:
+    """A part of a scene that has edits.
+
+    Attributes:
+        journal: The scene's, once it has one.
+        kept: Names of the attributes that edits change; what they hold is never changed in place.
+    """
+
+    journal = None
+    kept: tuple[str, ...] = ()
+
+    def state(self) -> dict:
+        """What undo brings back."""
+        return {name: getattr(self, name) for name in self.kept}
+
+    def restore(self, state: dict) -> None:
+        """Return to a state."""
+        for name in self.kept:
+            setattr(self, name, state[name])
 
 
 class Journal:

@@ -6,14 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ....core.deform import XpbdSolver
-from .journal import Journal
-
-
-class Restorable(Protocol):
-    """A part of a scene."""
-
-    def state(self) -> dict: ...
-    def restore(self, state: dict) -> None: ...
+from .journal import Edited, Journal
 
 
 class Pausable(Protocol):
@@ -25,13 +18,7 @@ class Pausable(Protocol):
 class Undoable(Protocol):
     """A scene whose edits can be undone."""
 
-    body: Restorable
-    cuts: Restorable
-    viewpoint: Restorable
-    handles: Restorable
-    timeline: Restorable
-    rigging: Restorable
-    posing: Restorable
+    parts: dict[str, Edited]
     solver: XpbdSolver
     pinned: np.ndarray  # [V] bool
     pins: np.ndarray  # of a held object  [V] bool
@@ -55,14 +42,7 @@ class States:
     def now(self) -> dict:
         """Positions, pins, material and surroundings."""
         whole, solver = self._whole, self._whole.solver
-        return {
-            "body": whole.body.state(),
-            "cuts": whole.cuts.state(),
-            "viewpoint": whole.viewpoint.state(),
-            "handles": whole.handles.state(),
-            "timeline": whole.timeline.state(),
-            "rigging": whole.rigging.state(),
-            "posing": whole.posing.state(),
+        return {name: one.state() for name, one in whole.parts.items()} | {
             "pinned": whole.pinned,
             "vertices": solver.vertices.numpy().copy(),
             "velocities": solver.velocities.numpy().copy(),
@@ -80,20 +60,17 @@ class States:
 
     def restore(self, state: dict) -> None:
         """Return to a state; nothing is held afterwards."""
-        whole = self._whole
+        whole, parts = self._whole, self._whole.parts
         whole.let_loose()
-        whole.rigging.restore(state["rigging"])
-        whole.timeline.restore(state["timeline"])
-        whole.cuts.restore(state["cuts"])
-        whole.body.restore(state["body"])
-        whole.viewpoint.restore(state["viewpoint"])
+        for name in ("rigging", "timeline", "cuts", "body", "viewpoint"):
+            parts[name].restore(state[name])
         whole.solver.set_pinned(state["pinned"])
-        whole.handles.restore(state["handles"])
+        parts["handles"].restore(state["handles"])
         solver = whole.solver
         solver.set_state(state["vertices"], state["velocities"])
         if not np.array_equal(solver.rest_lengths.astype(np.float32), state["rest_lengths"]):
             solver.set_rest_lengths(state["rest_lengths"])  # edges have yielded since
-        whole.posing.restore(state["posing"])
+        parts["posing"].restore(state["posing"])
         if state["asleep"]:  # awake, even a body at rest moves by roundings
             solver.fall_asleep()
         whole.revision += 1

@@ -42,7 +42,6 @@ class Hold:
         self._send()
 
     def release(self) -> None:
-        """The mouse lets go."""
         self.hand, self._springs, self._hand_targets = NOBODY, (), None
         self._give()
 
@@ -56,7 +55,6 @@ class Hold:
             self._send()
 
     def release_bones(self) -> None:
-        """Bones let go."""
         if len(self.bones):
             self.bones, self._bone_targets = NOBODY, None
             self._give()

@@ -26,7 +26,7 @@ from ....wings.rig import (
     phase,
     posed,
 )
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..history.undo import Pausable
 from .hold import Solved
 from .rigging import Rigging
@@ -34,10 +34,6 @@ from .rigging import Rigging
 SPEEDS = -4.0, 4.0  # of clips
 NO_ENDS = np.zeros((0, 2, 3))
 FADE = 0.3  # s from one clip that plays to the next
-STATE = (
-    *("softness", "method", "clip", "seconds", "loop", "speed"),
-    *("pose", "drives", "shows_vertices"),
-)
 
 
 class BoneGrip(Protocol):
@@ -59,7 +55,7 @@ class MovedByBones(Solved, Protocol):
     def reset(self) -> None: ...
 
 
-class Posing:
+class Posing(Edited):
     """The pose of one object's bones.
 
     Attributes:
@@ -69,8 +65,12 @@ class Posing:
         clip, seconds: The name of the chosen clip, empty without one, and the time in it.
     """
 
+    kept = (
+        *("softness", "method", "clip", "seconds", "loop", "speed"),
+        *("pose", "drives", "shows_vertices"),
+    )
+
     def __init__(self, moved: MovedByBones, rigging: Rigging):
-        self.journal = None  # of the scene, once it has one
         self.softness, self.method = 0.0, METHODS[0]
         self.clip, self.seconds, self.loop, self.speed = "", 0.0, True, 1.0
         self.pose: BonePose | None = None
@@ -140,26 +140,23 @@ class Posing:
     @edit("turn_bones")
     def turn_bones(self, bones, rotations) -> None:
         """Give bones [K] these rotations relative to their parents, unit quaternions.  [K, 4]"""
-        for bone in bones:
-            self._rigging.check(bone)
-        if len(bones) != len(rotations):
-            raise ValueError(f"{len(bones)} bones have {len(rotations)} rotations")
-        if self.drives:
-            turned = self.current.rotations.copy()
-            turned[np.asarray(bones, int)] = np.reshape(rotations, (-1, 4))
-            self._show(replace(self.current, rotations=turned))
+        self._set(bones, "rotations", rotations)
 
     @edit("move_bones")
     def move_bones(self, bones, translations) -> None:
         """Put the heads of bones [K] there, in their parents' spaces [model units].  [K, 3]"""
+        self._set(bones, "translations", translations)
+
+    def _set(self, bones, name, values):
+        """Give bones [K] these rows of an array of the pose, if they move the object."""
         for bone in bones:
             self._rigging.check(bone)
-        if len(bones) != len(translations):
-            raise ValueError(f"{len(bones)} bones have {len(translations)} translations")
+        if len(bones) != len(values):
+            raise ValueError(f"{len(bones)} bones have {len(values)} {name}")
         if self.drives:
-            moved = self.current.translations.copy()
-            moved[np.asarray(bones, int)] = np.reshape(translations, (-1, 3))
-            self._show(replace(self.current, translations=moved))
+            array = getattr(self.current, name).copy()
+            array[np.asarray(bones, int)] = np.reshape(values, (-1, array.shape[1]))
+            self._show(replace(self.current, **{name: array}))
 
     @edit("rest_bones", undo="bones at rest")
     def rest_bones(self, bones) -> None:
@@ -204,14 +201,12 @@ class Posing:
 
     @edit("scrub_clip", undo="move in {clip}", merges=True)
     def scrub_clip(self, clip: str, seconds: float) -> None:
-        """Show a clip at a time."""
         self.seconds = min(seconds, self._choose(clip).duration)
         self._act()
         self._show_clip()
 
     @edit("loop_clip", undo="loop of clips")
     def loop_clip(self, on: bool) -> None:
-        """Play clips again and again, or once."""
         self.loop = on
 
     @edit("set_clip_speed", undo="speed of clips", merges=True)
@@ -349,27 +344,21 @@ class Posing:
 
     def _move(self, vertices):
         if self.soft:
-            self._take_pins()
-            driven = self._driven_ids()
+            if self._pins is None:
+                self._pins = self._moved.solver.pinned.copy()
+                self._moved.solver.set_pinned(np.zeros_like(self._pins))
+            given = self._moved.field.mesh, self._rigging.skeleton, self.softness
+            driven = self._driven.of(given, lambda: driven_vertices(*given))
             self._moved.grip.hold_bones(driven, vertices[driven])
         else:
             self._moved.solver.stand(vertices)
         self._moved.revision += 1
-
-    def _driven_ids(self):
-        given = self._moved.field.mesh, self._rigging.skeleton, self.softness
-        return self._driven.of(given, lambda: driven_vertices(*given))
 
     @property
     def taken_pins(self):
         """Pins that aren't the solver's while bones hold vertices.  [V] bool"""
         none = np.zeros(len(self._moved.solver.pinned), bool)
         return none if self._pins is None else self._pins
-
-    def _take_pins(self):
-        if self._pins is None:
-            self._pins = self._moved.solver.pinned.copy()
-            self._moved.solver.set_pinned(np.zeros_like(self._pins))
 
     def _let_go(self):
         """Bones hold nothing; what was pinned is again, where it has come to."""
@@ -403,13 +392,9 @@ class Posing:
 
     # -- undo ----------------------------------------------------------------------------
 
-    def state(self) -> dict:
-        """What edits change, besides positions and pins."""
-        return {name: getattr(self, name) for name in STATE}
-
     def restore(self, state: dict) -> None:
         """Return to a state, whose positions are there already: bones hold what they held."""
         self.end()
-        vars(self).update(state)
+        super().restore(state)
         if self.drives and self.soft:
             self._again()

@@ -12,7 +12,7 @@ import numpy as np
 from ....core.deform import TIME_STEP
 from ....core.field import TetField
 from ....wings.rig import BonePose, Rig, Skinner, automatic_weights, clip_of_poses, rig_from
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from . import joints
 from .hold import Solved
 from .joints import HEAD, LOOSE, TAIL, Joint
@@ -20,7 +20,6 @@ from .joints import HEAD, LOOSE, TAIL, Joint
 MOST_JOINTS = 200
 BLINK = 0.3  # s; what takes longer is told of
 SAMPLED = 2  # ticks between two keys of a clip that is made from the timeline
-STATE = "skeleton", "weights", "offsets", "clips", "loose"
 
 
 def rig_of(field, name: str) -> Rig | None:
@@ -61,7 +60,7 @@ class Rigged(Solved, Protocol):
     timeline: KeyedBones
 
 
-class Rigging:
+class Rigging(Edited):
     """The rig of one object.
 
     Attributes:
@@ -74,9 +73,10 @@ class Rigging:
         say: Shows a message to the user.
     """
 
+    kept = "skeleton", "weights", "offsets", "clips", "loose"
+
     def __init__(self, rigged: Rigged, rig: Rig | None = None):
         """Take an object, and the rig of its model if it has one."""
-        self.journal = None  # of the scene, once it has one
         self.skeleton = self.weights = self.offsets = self.loose = None
         self.clips = ()
         if rig is not None:
@@ -95,7 +95,7 @@ class Rigging:
     def changed(self) -> bool:
         """Whether it is another one than the model's."""
         now = self.state()
-        return any(now[name] is not self._first[name] for name in STATE if name != "loose")
+        return any(now[name] is not self._first[name] for name in self.kept if name != "loose")
 
     @property
     def joints(self) -> list[Joint]:
@@ -233,19 +233,13 @@ class Rigging:
 
     @edit("delete_clip", undo="delete the clip {clip}")
     def delete_clip(self, clip: str) -> None:
-        """Forget a clip."""
         gone = self.clip(clip)
         self._rigged.posing.stop_clip()
         self.clips = tuple(one for one in self.clips if one is not gone)
 
     # -- undo ----------------------------------------------------------------------------
 
-    def state(self) -> dict:
-        """What edits change."""
-        return {name: getattr(self, name) for name in STATE}
-
     def restore(self, state: dict) -> None:
-        """Return to a state."""
-        vars(self).update(state)
+        super().restore(state)
         names = [joint.name for joint in joints.joints_of(self.skeleton, self.loose)]
         self.selected = self.selected if self.selected in names else None

@@ -16,13 +16,13 @@ from ....core.base.schema import number
 from ....core.deform import Material, XpbdOptions, XpbdSolver
 from ....core.field import STIFFNESS_RANGE
 from ....core.geometry import signed_volumes
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 
 EARTH = 9.81  # m/s²
 FLOATING_DRAG = 1.0  # 1/s, without gravity: there a thrown object would never stop
 
 
-class Body:
+class Body(Edited):
     """A solver, and the real values of what it is given.
 
     Attributes:
@@ -35,6 +35,11 @@ class Body:
             place.  [V]
     """
 
+    kept = (
+        *("material", "gravity", "wind", "_air_drag", "meters_per_unit", "factors"),
+        *("automatic_substeps", "_rest_shapes"),
+    )
+
     def __init__(self, rest_vertices, tets, pinned, size, meters, device, factors=None):
         """Take a mesh at rest of which what is visible has the longest side `size` [units].
 
@@ -42,7 +47,6 @@ class Body:
             meters: The length of that side; None: a unit is a meter.
             factors: Of Young's modulus at the vertices; None: 1.  [V]
         """
-        self.journal = None  # of the scene, once it has one
         self._size = size
         self.meters_per_unit = 1.0 if meters is None else meters / size  # S
         self.material = Material()
@@ -54,7 +58,7 @@ class Body:
         if factors is not None:
             self.solver.set_stiffness(factors)
         self._answers, self._adapted = Kept(), Kept()  # the solver's, by the questions' names
-        self._rest_shapes = []  # those before the present one
+        self._rest_shapes = ()  # those before the present one
         self.automatic_substeps = True
         self.adapt_substeps()
         self.solver.reset()  # it sleeps
@@ -79,7 +83,6 @@ class Body:
 
     @edit("set_material", undo="{names}", merges=True)
     def set_material(self, **changes) -> None:
-        """Change some attributes of the material."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the panel says what is held
             self.material = replace(self.material, **changes)
@@ -185,7 +188,7 @@ class Body:
         positions = self.solver.vertices.numpy().astype(float)
         if not (signed_volumes(positions, self.solver.volumes.vertices) > 0.0).all():
             return False
-        self._rest_shapes.append(self.solver.rest_shape)
+        self._rest_shapes = *self._rest_shapes, self.solver.rest_shape
         self.solver.set_rest_shape(positions)
         return True
 
@@ -198,7 +201,8 @@ class Body:
     def undo_rest_here(self) -> None:
         """Return to the shape from before the last `rest_here`, if there was one."""
         if self._rest_shapes:
-            self.solver.set_rest_shape(self._rest_shapes.pop())
+            *self._rest_shapes, shape = self._rest_shapes
+            self.solver.set_rest_shape(shape)
 
     # -- what surrounds it ---------------------------------------------------------------
 
@@ -227,17 +231,11 @@ class Body:
     # -- undo ----------------------------------------------------------------------------
 
     def state(self) -> dict:
-        """What edits change, besides positions and pins."""
-        names = "material", "gravity", "wind", "_air_drag", "meters_per_unit", "factors"
-        kept = {name: getattr(self, name) for name in (*names, "automatic_substeps")}
-        kept["_rest_shapes"] = list(self._rest_shapes)
         solver = self.solver
-        return {"own": kept, "options": solver.options, "rest_shape": solver.rest_shape}
+        return super().state() | {"options": solver.options, "rest_shape": solver.rest_shape}
 
     def restore(self, state: dict) -> None:
-        """Return to a state."""
-        vars(self).update(state["own"])
-        self._rest_shapes = list(self._rest_shapes)
+        super().restore(state)
         solver = self.solver
         if not np.array_equal(solver.rest_shape, state["rest_shape"]):
             solver.set_rest_shape(state["rest_shape"])

@@ -8,16 +8,11 @@ from typing import Protocol
 
 from ....core.deform import TIME_STEP, XpbdSolver
 from ...settings import Settings
-from ..history.journal import Journal, edit
+from ..history.journal import Edited, Journal, edit
+from .body import Body
 from .grabs import Ball, Grab
 
 MAX_STEPS = 6  # a frame; below 10 frames a second the object's time runs slower than the clock
-
-
-class Adapting(Protocol):
-    """A body whose substeps follow its material."""
-
-    def adapt_substeps(self) -> None: ...
 
 
 class Dragged(Protocol):
@@ -58,7 +53,7 @@ class Timed(Protocol):
     settings: Settings
     journal: Journal
     ball: Ball | None
-    body: Adapting
+    body: Body
     handles: Dragged
     timeline: PlayedTimeline
     posing: MovingBones
@@ -68,11 +63,10 @@ class Timed(Protocol):
     def look(self) -> None: ...
 
 
-class Clock:
+class Clock(Edited):
     """The time of one object."""
 
     def __init__(self, timed: Timed):
-        self.journal = None  # of the scene, once it has one
         self._timed = timed
         self._paused = self._settling = False
         self._time = 0.0  # s that frames have lasted and no step has covered
@@ -151,7 +145,6 @@ class Clock:
 
     @property
     def paused(self) -> bool:
-        """Whether time is stopped."""
         return self._paused
 
     @paused.setter

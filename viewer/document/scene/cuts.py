@@ -17,7 +17,7 @@ from ....core import field as fields
 from ....core.base.kept import Kept
 from ....core.field import SUBTET_COUNT, pack_mask, subtet_corners, subtet_middles, unpack_mask
 from ....core.geometry import tet_neighbours
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..rigging.hold import Solved
 from .body import Body
 from .points import ControlPoints
@@ -49,7 +49,7 @@ class Cuttable(Solved, Protocol):
     def let_loose(self) -> None: ...
 
 
-class Cuts:
+class Cuts(Edited):
     """What is deleted of one object.
 
     Attributes:
@@ -61,7 +61,6 @@ class Cuts:
 
     def __init__(self, whole: Cuttable):
         self._whole = whole
-        self.journal = None  # of the scene, once it has one
         self.removed = np.zeros(whole.field.mesh.tet_count, np.uint64)
         self.kept = np.ones(len(self.removed), bool)
         self.vertices = np.ones(whole.field.mesh.vertex_count, bool)
@@ -213,11 +212,10 @@ class Cuts:
     # -- undo ----------------------------------------------------------------------------
 
     def state(self) -> dict:
-        """What edits change."""
         return {"removed": self.removed, "pins": self._whole.pins}
 
     def restore(self, state: dict) -> None:
-        """Return to a state; the solver's positions and pins are restored by others."""
+        """The solver's positions and pins are restored by others."""
         self._whole.pins = state["pins"]
         if self.removed is not state["removed"] or self._preview is not None:
             self._take(state["removed"])

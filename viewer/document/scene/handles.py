@@ -13,7 +13,7 @@ from ....core.base.kept import Kept
 from ....core.deform import vertices_within
 from ....core.field import TetField
 from ...settings import GRAB_RADII, Settings
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..rigging.hold import Solved
 from .body import Body
 from .grabs import Grab, Motion, soft_springs
@@ -71,7 +71,7 @@ class Grabbable(Solved, Protocol):
     def keep_in_sight(self) -> None: ...
 
 
-class Handles:
+class Handles(Edited):
     """What of an object can be taken hold of, and is.
 
     Attributes:
@@ -85,10 +85,11 @@ class Handles:
             in place.  [V]
     """
 
+    kept = "points", "hidden", "names", "_posed", "patches"
+
     def __init__(self, whole: Grabbable, surface):
         """Take an object, and points of its surface at rest [N, 3]."""
         self._whole = whole
-        self.journal = None  # of the scene, once it has one
         mesh = whole.field.mesh
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, whole.size)
         self.hover: int | None = None
@@ -225,7 +226,6 @@ class Handles:
         return len(hidden)
 
     def unhide(self) -> None:
-        """Show all handles again."""
         if self.hidden:
             self._hide([])
 
@@ -271,21 +271,23 @@ class Handles:
     def grab(self, handle: int) -> None:
         """Take hold of a handle and of what is around it; of all that is selected, if it is."""
         others = [one for one in self.movable if one != handle]
-        radius, soft = self._whole.grab_radius, self._whole.settings.soft_grab
         if handle in self.selected and others:
-            self._grab_several(handle, others, radius, soft)
+            self._grab_several(handle, others, *self._way)
         else:
-            self._grab(handle, radius, soft)
+            self._grab(handle, *self._way)
+
+    @property
+    def _way(self):
+        """How a hand takes hold now: the radius [model units], and whether by springs."""
+        return self._whole.grab_radius, self._whole.settings.soft_grab
 
     def grab_selected(self) -> None:
         """Take hold of all that is selected; pins are freed, and pinned again when let go."""
         chosen = self.takeable
         if len(chosen) == len(self.movable):
             self.grab(chosen[0])
-            return
-        self._grab_pins(
-            chosen[0], chosen[1:], self._whole.grab_radius, self._whole.settings.soft_grab
-        )
+        else:
+            self._grab_pins(chosen[0], chosen[1:], *self._way)
 
     @edit("grab_pins", undo="drag", begins=True)
     def _grab_pins(self, vertex, others, radius, soft):
@@ -297,13 +299,12 @@ class Handles:
 
     def grab_place(self, place) -> None:
         """Take hold of the object at a place of its surface as it is now.  [3]"""
-        (corners,), (weights,) = self._located(place)
-        self._grab_place(corners, weights, self._whole.grab_radius, self._whole.settings.soft_grab)
+        self._grab_place(*self._located(place), *self._way)
 
     @edit("grab_place", undo="drag", begins=True)
     def _grab_place(self, corners, weights, radius, soft):
         self._add_point(corners, weights)
-        self._hold([len(self._whole.pins) + len(self.points) - 1], radius, soft)
+        self._hold([self._last_point], radius, soft)
         self.grabbed.passing = True
 
     @edit("grab_several", undo="drag", begins=True)
@@ -392,22 +393,23 @@ class Handles:
 
     @edit("move")
     def _move(self, to):
-        if self.grabbed is not None:
-            self._reach(self.grabbed.reached.moved(to))
+        self._reach(to)
 
     @edit("transform")
     def _transform(self, to, rotation, scale):
-        if self.grabbed is not None:
-            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale))
+        self._reach(to, rotation, scale)
 
     @edit("stretch")
     def _stretch(self, to, rotation, scale, stretch):
-        if self.grabbed is not None:
-            self._reach(self.grabbed.reached.moved(to).turned(rotation, scale, stretch))
+        self._reach(to, rotation, scale, stretch)
 
-    def _reach(self, motion):
-        self.grabbed.reached = motion
-        self._whole.grip.move(motion.applied(self.grabbed.offsets))
+    def _reach(self, to, *turn):
+        """Move what is held, if anything is, and turn it as Motion.turned says."""
+        grab = self.grabbed
+        if grab is not None:
+            moved = grab.reached.moved(to)
+            grab.reached = moved.turned(*turn) if turn else moved
+            self._whole.grip.move(grab.reached.applied(grab.offsets))
 
     @edit("release")
     def release(self) -> None:
@@ -418,12 +420,14 @@ class Handles:
                 self.selected = [one for one in self.selected if self.exists(one)]
             self.grabbed = None
 
-    def _keep(self):
-        """Let go, and keep the point by which the object was held; returns the grab, if any."""
+    def _pin_held(self, radius, pins_alone=False):
+        """Let go, and pin what was held, or the pins of it alone; returns the grab, if any."""
         grab = self.grabbed
         if grab is not None:
-            grab.passing = False
+            grab.passing = False  # the point by which it was held stays
         self.release()
+        for handle in [] if grab is None else grab.pins if pins_alone else grab.handles:
+            self._set_pin(handle, True, radius)
         return grab
 
     def let_go(self) -> None:
@@ -437,17 +441,13 @@ class Handles:
 
     @edit("pose_grab")
     def _pose_grab(self, radius):
-        grab = self._keep()
+        grab = self._pin_held(radius)
         if grab is not None:
-            for handle in grab.handles:
-                self._set_pin(handle, True, radius)
             self._posed = (*self._posed, *(one for one in grab.handles if one not in grab.pins))
 
     @edit("pin_again")
     def _pin_again(self, radius):
-        grab = self._keep()
-        for handle in [] if grab is None else grab.pins:
-            self._set_pin(handle, True, radius)
+        self._pin_held(radius, pins_alone=True)
 
     @edit("choose_hand", undo="{hand}")
     def choose_hand(self, hand: str) -> None:
@@ -485,10 +485,7 @@ class Handles:
 
     @edit("pin_grab", undo="pin what was held")
     def _pin_grab(self, radius):
-        grab = self._keep()
-        if grab is not None:
-            for handle in grab.handles:
-                self._set_pin(handle, True, radius)
+        self._pin_held(radius)
 
     def set_pin(self, handle: int, pinned: bool) -> None:
         """Pin a handle and its patch where they are; or free it, and what was pinned with it."""
@@ -552,15 +549,19 @@ class Handles:
 
     def add_point(self, place) -> int:
         """Make a control point at a place of the surface as it is now [3]; returns its id."""
-        (corners,), (weights,) = self._located(place)
-        self._add_point(corners, weights)
+        self._add_point(*self._located(place))
+        return self._last_point
+
+    @property
+    def _last_point(self):
+        """The id of the control point that was added last."""
         return len(self._whole.pins) + len(self.points) - 1
 
     def _located(self, place):
-        """Corners and weights of a place in its tet.  [1, 4], [1, 4]"""
+        """Corners and weights of a place in its tet.  [4], [4]"""
         tets = self._whole.field.mesh.tets
         point = located([place], self._whole.solver.vertices.numpy(), tets)
-        return point.corners, point.weights
+        return point.corners[0], point.weights[0]
 
     @edit("add_point", undo="new point")
     def _add_point(self, corners, weights):
@@ -572,16 +573,13 @@ class Handles:
     # -- undo ----------------------------------------------------------------------------
 
     def state(self) -> dict:
-        """What edits change, besides pins."""
-        kept = {name: getattr(self, name) for name in ("points", "hidden", "names", "_posed")}
+        state = super().state() | {"hand": self._whole.settings.hand}
         if self.grabbed is not None and self.grabbed.passing:
-            kept["points"] = self.points.without_last()
-        return kept | {"patches": self.patches, "hand": self._whole.settings.hand}
+            state["points"] = self.points.without_last()
+        return state
 
     def restore(self, state: dict) -> None:
-        """Return to a state."""
-        own = dict(state)
-        self._whole.settings.hand = own.pop("hand")
-        vars(self).update(own)
+        super().restore(state)
+        self._whole.settings.hand = state["hand"]
         self.selected = [one for one in self.selected if self.exists(one)]
         self.hover = None

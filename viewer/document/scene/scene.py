@@ -11,7 +11,7 @@ import warp as wp
 from ....core.deform import Sphere, falloff, lowest_pins, vertices_within
 from ...camera import values_of
 from ...settings import CPU_TARGET_FPS, SHOWN, Settings
-from ..history.journal import Journal, edit
+from ..history.journal import Edited, Journal, edit
 from ..history.undo import States
 from ..rigging.hold import Hold
 from ..rigging.posing import Posing
@@ -83,11 +83,13 @@ class Scene:
         self._host = None  # the same on the host, once they are wanted  [V, 3]
         self.viewpoint = Viewpoint(self)
         self.timeline, self.clock = Timeline(self), Clock(self)
+        parts = self.body, self.cuts, self.handles, self.viewpoint, self.timeline, self.clock
+        parts = *parts, self.rigging, self.posing
+        self.parts: dict[str, Edited] = {type(one).__name__.lower(): one for one in parts}
         self.states = States(self)
         self.journal = Journal(self.states)
-        owners = self.body, self.cuts, self.handles, self.viewpoint, self.timeline, self.clock
-        for owner in (*owners, self.rigging, self.posing):
-            owner.journal = self.journal
+        for one in self.parts.values():
+            one.journal = self.journal
 
     # -- pose ----------------------------------------------------------------------------
 
@@ -132,7 +134,6 @@ class Scene:
 
     @property
     def orbit(self):
-        """The camera, an Orbit."""
         return self.viewpoint.orbit
 
     @orbit.setter

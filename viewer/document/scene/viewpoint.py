@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from ...camera import Orbit, changed, framed, pose_of, values_of
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from .surface import bounds
 
 MARGIN = 0.62  # of a framed object's size: the radius of the ball that fills the image
@@ -42,12 +42,13 @@ class Viewed(Protocol):
     handles: Pointed
 
 
-class Viewpoint:
+class Viewpoint(Edited):
     """The camera of one object; `orbit` is what it is now."""
+
+    kept = ("saved",)
 
     def __init__(self, viewed: Viewed):
         self._viewed = viewed
-        self.journal = None
         self.orbit = FIRST_VIEW
         self.saved = {}  # name: the values of an Orbit, as JSON has them; never changed in place
         self.new_name = ""  # that the user types for the next one
@@ -106,11 +107,9 @@ class Viewpoint:
 
     @edit("delete_view", undo="delete the view {name}")
     def delete(self, name: str) -> None:
-        """Forget a saved view."""
         self.saved = {key: view for key, view in self.saved.items() if key != name}
 
     def go_to(self, name: str) -> None:
-        """Look from a saved view."""
         self.orbit, self._last = changed(self.orbit, self.saved[name]), name
 
     def next(self) -> str:
@@ -121,11 +120,3 @@ class Viewpoint:
         at = names.index(self._last) + 1 if self._last in names else 0
         self.go_to(names[at % len(names)])
         return self._last
-
-    def state(self) -> dict:
-        """What edits change."""
-        return self.saved
-
-    def restore(self, state: dict) -> None:
-        """Return to a state."""
-        self.saved = state

@@ -26,11 +26,11 @@ from ....core import field as fields
 from ....core.base.archive import MAX_BYTES, Archive, one_sentence, open_archive, unpacked_limit
 from ....core.base.paths import BUNDLED, PROJECT, is_project, program_version, whole_file
 from ....core.base.reading import read_bytes
-from ....core.base.schema import FileError, check, flag, mapping, number, one_of
+from ....core.base.schema import FileError, check, flag, mapping, one_of
 from ....core.base.streams import shown
 from ....core.field import TetField
 from ...camera import Orbit, changed, values_of
-from ...settings import GIZMOS, GRAB_RADII, HANDS, SHOWN, Settings
+from ...settings import Settings, kept_in
 from .session import (
     LARGEST_FILE,
     OpenObject,
@@ -43,19 +43,13 @@ from .session import (
     session_text,
 )
 from .session_lines import tell_left_out
-from .session_values import ARGUMENTS, camera
+from .session_values import camera
 
 KEY, VERSION = "deformrf project", 1
 ABOUT, SESSION, MODEL = "project.json", "session.jsonl", "model.npz"
 LARGEST_ABOUT = 2**20  # bytes
 PERMISSIONS = 0o644 << 16  # of what `unzip` makes of an entry
-LOOKS = {  # the Settings that a project has: whether a value of the file is one
-    **{name: ARGUMENTS[name] for name in SHOWN},
-    "grab_radius": number(*GRAB_RADII),
-    "hand": one_of(HANDS),
-    "gizmo": one_of(GIZMOS),
-    **dict.fromkeys(("soft_grab", "own_axes", "show_timeline"), flag),
-}
+LOOKS = kept_in("session") | kept_in("project")  # whether a value of the file is one
 is_orbit = mapping(camera)
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,6 @@ Nothing in a file is trusted: names, kinds and ranges are checked before anythin
 import hashlib
 import json
 import logging
-import math
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -31,13 +30,14 @@ from ....core.base.paths import BUNDLED, program_version, whole_file
 from ....core.base.reading import open_file
 from ....core.base.schema import integer
 from ....core.base.streams import printable, shown
-from ....core.deform import FIRST_INTEGRATOR, Material, XpbdSolver
+from ....core.deform import FIRST_INTEGRATOR, XpbdSolver
 from ....core.field import TetField
 from ...settings import HANDS, Settings
 from ..history.journal import EDITS, Event, Journal
 from ..scene import scene  # noqa: F401  its methods and those of its objects are the edits
+from ..scene.body import Body
 from ..scene.points import ControlPoints
-from .session_lines import event_lines, kept_start, line_of, tell_left_out
+from .session_lines import event_lines, finite, kept_start, line_of, tell_left_out
 from .session_values import bad_arguments
 
 log = logging.getLogger(__name__)
@@ -64,14 +64,6 @@ class OpenObject(Protocol):
     journal: Journal
 
 
-class WithMaterial(Protocol):
-    """A body."""
-
-    material: Material
-    meters_per_unit: float
-    automatic_substeps: bool
-
-
 class WithPoints(Protocol):
     """Handles."""
 
@@ -83,7 +75,7 @@ class Beginning(Protocol):
 
     field: TetField
     solver: XpbdSolver
-    body: WithMaterial
+    body: Body
     handles: WithPoints
     settings: Settings
     pins: np.ndarray  # of a held object  [V] bool
@@ -116,6 +108,15 @@ def factor_hash(factors) -> str:
     return hashlib.sha256(np.asarray(factors, "<f4").tobytes()).hexdigest()
 
 
+def hashes_of(field: TetField) -> dict[str, str | None]:
+    """What a session's start says of its model's stiffnesses and rig."""
+    factors, rig = field.stiffness, field.rig_arrays
+    return {
+        "stiffness": None if factors is None else factor_hash(factors),
+        "rig": None if rig is None else rig_hash(rig),
+    }
+
+
 def rig_hash(arrays: dict) -> str:
     """A number for the rig that a model has: SHA-256, hexadecimal."""
     found = hashlib.sha256()
@@ -128,8 +129,8 @@ def rig_hash(arrays: dict) -> str:
 
 def start_of(begun: Beginning) -> dict:
     """What a session begins with, so that other defaults change nothing when it is played."""
-    body, options, field = begun.body, begun.solver.options, begun.field
-    material = {name: _finite(value) for name, value in asdict(body.material).items()}
+    body, options = begun.body, begun.solver.options
+    material = {name: finite(name, value) for name, value in asdict(body.material).items()}
     return material | {
         "meters_per_unit": body.meters_per_unit,
         "substep_count": options.substep_count,
@@ -140,8 +141,7 @@ def start_of(begun: Beginning) -> dict:
         "points": begun.handles.points.rows(),
         "floor": begun.floor,
         "hand": begun.settings.hand,
-        "stiffness": None if field.stiffness is None else factor_hash(field.stiffness),
-        "rig": None if field.rig_arrays is None else rig_hash(field.rig_arrays),
+        **hashes_of(begun.field),
     }
 
 
@@ -282,11 +282,7 @@ def header_of(file: BinaryIO, path: Path) -> dict:
 
 def fits(field: TetField, header: dict) -> bool:
     """Whether a session with this header begins with a model."""
-    wanted, factors, rig = start_in(header), field.stiffness, field.rig_arrays
-    own = {
-        "stiffness": None if factors is None else factor_hash(factors),
-        "rig": None if rig is None else rig_hash(rig),
-    }
+    wanted, own = start_in(header), hashes_of(field)
     same = all(wanted.get(name, value) == value for name, value in own.items())
     return same and header.get("rest") == mesh_hash(field.mesh)
 
@@ -353,8 +349,3 @@ def _check(path, number, name, arguments, vertex_count):
     for key in bad_arguments(name, arguments, vertex_count):
         where, value = f"{path}, line {number}", shown(arguments[key])
         raise SessionError(f"{where}: {name} can't have {printable(key)[:60]} = {value}")
-
-
-def _finite(value):
-    """JSON has no infinity; what can be infinite is then None."""
-    return None if isinstance(value, float) and math.isinf(value) else value

@@ -48,7 +48,7 @@ def _kept(name, arguments, vertex_count, left_out):
     if not optional and name not in EDITS:
         left_out.append(shown(name))
         return None
-    arguments = {key: _finite(key, value) for key, value in arguments.items()}
+    arguments = {key: finite(key, value) for key, value in arguments.items()}
     bad = bad_arguments(name, arguments, vertex_count)
     if not bad:
         return arguments
@@ -57,6 +57,6 @@ def _kept(name, arguments, vertex_count, left_out):
     return kept if kept and (optional or EDITS[name].any_names) else None
 
 
-def _finite(key, value):
+def finite(key: str, value):
     """JSON has no infinity; what may be infinite is then None."""
     return None if key in MAY_BE_INFINITE and value == math.inf else value

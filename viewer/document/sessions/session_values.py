@@ -27,10 +27,9 @@ from ....core.base.schema import (
     vector,
 )
 from ....core.deform import INTEGRATORS, Material
-from ....core.render import MODES
 from ....wings.rig import METHODS, MOST_BONES
 from ...camera import CLOSEST, FARTHEST, Orbit
-from ...settings import HANDS, MESH_RANGES, SHOWN, SURFACES
+from ...settings import HANDS, SHOWN, kept_in
 from ..history.journal import EDITS
 from ..rigging.joints import ENDS, LOOSE
 from ..rigging.posing import SPEEDS
@@ -113,24 +112,9 @@ ARGUMENTS = {
     # of a view
     **camera,
     **dict.fromkeys(("stiffness", "rig"), optional(text())),
-    "mode": one_of(MODES),
-    "background": vector(3, share),
-    **dict.fromkeys(
-        (
-            "checkerboard",
-            "show_handles",
-            "show_wireframe",
-            "show_ground",
-            "show_floor",
-            "show_bones",
-        ),
-        flag,
-    ),
+    **kept_in("session"),
     "name": both(text(LONGEST_NAME, least=1), str.isprintable),
     "view": mapping(camera),
-    "mesh_surface": one_of(SURFACES),
-    "mesh_opacity": share,
-    "mesh_range": number(*MESH_RANGES),
     # of the timeline
     **dict.fromkeys(("tick", "to_tick"), integer(0, LONGEST_KEY)),
     "ticks": integer(1, LONGEST_KEY),

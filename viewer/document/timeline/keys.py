@@ -109,10 +109,10 @@ def orbit_at(keys, tick: float) -> Orbit:
     at = near.index(first)
     times = [key.tick for key in near]
     ways = [key.easing != "hold" for key in near[:-1]]  # whether one leads to the next key
-    values = {
-        name: _spline(times, _turns(numbers) if name in ANGLES else numbers, ways, at, share)
-        for name, numbers in _numbers(near).items()
-    }
+    numbers = _numbers(near)
+    for name in ANGLES:
+        numbers[name] = list(np.unwrap(numbers[name]))
+    values = {name: _spline(times, given, ways, at, share) for name, given in numbers.items()}
     for name, (low, high) in LIMITS.items():
         values[name] = min(max(values[name], low), high)
     for name in ANGLES:
@@ -130,11 +130,6 @@ def _numbers(keys):
         for name, all_of in values.items()
         if all(isinstance(one, kinds) and not isinstance(one, bool) for one in all_of)
     }
-
-
-def _turns(angles):
-    """Angles that follow each other the shorter way around."""
-    return list(np.unwrap(np.array(angles)))
 
 
 def _spline(times, values, ways, at, share):

@@ -15,7 +15,7 @@ import numpy as np
 from ....core.deform import Material
 from ....wings.rig import BonePose, Skeleton
 from ...camera import Orbit, changed, turned_to
-from ..history.journal import edit
+from ..history.journal import Edited, edit
 from ..history.undo import Pausable
 from . import keys as k
 from .driving import Driven, Driver
@@ -67,7 +67,7 @@ class Keyed(Driven, Protocol):
     def hands_off(self) -> None: ...
 
 
-class Timeline:
+class Timeline(Edited):
     """The timeline of one object.
 
     Attributes:
@@ -77,8 +77,9 @@ class Timeline:
         stands: Whether time stands still because the timeline shows a pose.
     """
 
+    kept = "keys", "poses", "loop", "motion", "head", "stands"
+
     def __init__(self, keyed: Keyed):
-        self.journal = None  # of the scene, once it has one
         self.keys = dict.fromkeys(TRACKS, ())
         self.poses: tuple[k.SavedPose, ...] = ()
         self.loop, self.motion = False, MOTIONS[0]
@@ -168,13 +169,11 @@ class Timeline:
 
     @edit("copy_key", undo="copy a key")
     def copy_key(self, track: str, tick: int, to_tick: int) -> None:
-        """Put a copy of a key elsewhere."""
         key = replace(self._key(track, tick), tick=to_tick)
         self._set(track, k.with_key(self.keys[track], key))
 
     @edit("delete_key", undo="delete a key")
     def delete_key(self, track: str, tick: int) -> None:
-        """Delete a key."""
         key = self._key(track, tick)
         self._set(track, tuple(other for other in self.keys[track] if other is not key))
 
@@ -197,13 +196,12 @@ class Timeline:
             )
             for n in range(TURN_KEYS + 1)
         )
-        self.keys["camera"] = tuple(turn)
+        self._set("camera", tuple(turn))
         self.loop, self.head = True, 0
         self.play()
 
     @edit("set_loop", undo="loop")
     def set_loop(self, on: bool) -> None:
-        """Play again and again, or once."""
         self.loop = on
 
     @edit("set_motion", undo="motion between poses")
@@ -221,7 +219,7 @@ class Timeline:
     def _set(self, track, keys):
         if len(keys) > MOST_KEYS:
             raise ValueError(f"a timeline has at most {MOST_KEYS} {track} keys")
-        self.keys[track] = keys
+        self.keys = self.keys | {track: keys}
 
     # -- time ----------------------------------------------------------------------------
 
@@ -240,7 +238,6 @@ class Timeline:
 
     @edit("stop")
     def stop(self) -> None:
-        """Stop where it is."""
         self._end()
 
     @edit("scrub", undo="move the playhead", merges=True)
@@ -399,7 +396,6 @@ class Timeline:
 
     @edit("delete_pose", undo="delete the pose {name}")
     def delete_pose(self, name: str) -> None:
-        """Forget a saved pose."""
         deleted = self._saved(name)
         self.poses = tuple(pose for pose in self.poses if pose is not deleted)
 
@@ -423,17 +419,11 @@ class Timeline:
 
     # -- undo ----------------------------------------------------------------------------
 
-    def state(self) -> dict:
-        """What edits change."""
-        names = "poses", "loop", "motion", "head", "stands"
-        return {name: getattr(self, name) for name in names} | {"keys": dict(self.keys)}
-
     def restore(self, state: dict) -> None:
-        """Return to a state; nothing plays."""
+        """Nothing plays then."""
         self._end()
         if self.stands and not state["stands"]:
             self._keyed.clock.paused = False
         elif state["stands"]:
             self.stand()
-        vars(self).update(state)
-        self.keys = dict(self.keys)
+        super().restore(state)

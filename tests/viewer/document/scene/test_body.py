@@ -8,8 +8,8 @@ import pytest
 
 from deformrf.core.deform import TIME_STEP, XpbdOptions, XpbdSolver, lowest_pins
 from deformrf.core.field import STIFFNESS_RANGE
-from deformrf.viewer.document import EARTH
-from deformrf.viewer.document.scene.body import FLOATING_DRAG, Body, stored_size
+from deformrf.viewer.document import EARTH, Body
+from deformrf.viewer.document.scene.body import FLOATING_DRAG, stored_size
 
 
 def make_body(field, meters=None):
