@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 
 from ...core.field import TetField
-from ..camera import Orbit, pose_of
+from ..camera import Orbit
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
 from ..settings import OF_BONES, Settings
 from . import gl
@@ -100,7 +100,7 @@ class BoneLayer:
     def _write(self, place):
         """Bring what is drawn to the buffers, if it has changed."""
         drawn, rigging = self._drawn, self._drawn.rigging
-        eye = pose_of(drawn.orbit)  # far ones are drawn first
+        eye = drawn.orbit.pose  # far ones are drawn first
         state = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
         if all(map(operator.is_, state, self._state)):  # none of them is changed in place
             return
@@ -135,7 +135,7 @@ def left_behind(drawn: WithBones) -> bool:
 
 
 def _far_first(orbit, places):
-    away = places - pose_of(orbit)[:3, 3]
+    away = places - orbit.pose[:3, 3]
     return np.argsort(-np.einsum("ni,ni->n", away, away), kind="stable")
 
 

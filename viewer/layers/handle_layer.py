@@ -10,7 +10,7 @@ import moderngl
 import numpy as np
 
 from ...core.field import TetField
-from ..camera import Orbit, pose_of
+from ..camera import Orbit
 from ..document import MOST_ADDED, MOST_POINTS, Ball, Grab
 from ..settings import Settings
 from . import gl
@@ -134,7 +134,7 @@ def sphere_instances(drawn: WithSpheres):
     if drawn.ball is not None:
         ball = np.array([[*drawn.ball.reached, drawn.ball.radius, *BALL_GRAY]], np.float32)
         instances = np.concatenate([instances, ball])
-    away = np.linalg.norm(instances[:, :3] - pose_of(drawn.orbit)[:3, 3], axis=1)
+    away = np.linalg.norm(instances[:, :3] - drawn.orbit.pose[:3, 3], axis=1)
     return instances[np.argsort(-away)]
 
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...camera import Orbit, changed, framed, pose_of, values_of
+from ...camera import Orbit, changed, framed, values_of
 from ..history.journal import edit
 from .surface import bounds
 
@@ -73,7 +73,7 @@ class Viewpoint:
     @property
     def depth_range(self) -> tuple[float, float]:
         """Distances from the eye between which the object lies at rest, whatever its shape."""
-        viewed, pose = self._viewed, pose_of(self.orbit)
+        viewed, pose = self._viewed, self.orbit.pose
         away = float(np.linalg.norm(pose[:3, 3] - viewed.center))
         if self.orbit.parallel:
             away = float((pose[:3, 3] - viewed.center) @ pose[:3, 2])
