@@ -10,7 +10,6 @@ import moderngl
 import numpy as np
 
 from ...core.field import TetField
-from ..camera import Orbit
 from ..document import MOST_ADDED, MOST_POINTS, Ball, Grab
 from ..settings import Settings
 from . import gl
@@ -51,7 +50,6 @@ class WithSpheres(Protocol):
 
     field: TetField
     settings: Settings
-    orbit: Orbit
     handle_radius: float
     handle_bias: float
     ball: Ball | None
@@ -73,19 +71,13 @@ class HandleLayer:
 
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
-        if self._drawn.settings.show_handles or self._drawn.ball is not None:
-            self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-            gl.blend_over(self._ctx)
-            self._draw_spheres(camera, clip_range)
-
-    def release(self) -> None:
-        self._spheres.release()
-        self._sphere_buffer.release()
-
-    def _draw_spheres(self, camera, clip_range):
-        instances = sphere_instances(self._drawn)
+        if not self._drawn.settings.show_handles and self._drawn.ball is None:
+            return
+        instances = sphere_instances(self._drawn, camera.position)
         if not len(instances):
             return
+        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
+        gl.blend_over(self._ctx)
         self._sphere_buffer.write(instances)
         gl.set_uniforms(
             self._spheres.program,
@@ -105,9 +97,13 @@ class HandleLayer:
             self._spheres.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=len(held))
             self._ctx.depth_func = "<="
 
+    def release(self) -> None:
+        self._spheres.release()
+        self._sphere_buffer.release()
 
-def sphere_instances(drawn: WithSpheres):
-    """Center, radius and tint of every sphere, far ones first.  [S, 7] float32
+
+def sphere_instances(drawn: WithSpheres, eye):
+    """Center, radius and tint of every sphere, those far from the eye [3] first.  [S, 7] float32
 
     The soft edge of a sphere blends with what was drawn before it.
     """
@@ -134,7 +130,7 @@ def sphere_instances(drawn: WithSpheres):
     if drawn.ball is not None:
         ball = np.array([[*drawn.ball.reached, drawn.ball.radius, *BALL_GRAY]], np.float32)
         instances = np.concatenate([instances, ball])
-    away = np.linalg.norm(instances[:, :3] - drawn.orbit.pose[:3, 3], axis=1)
+    away = np.linalg.norm(instances[:, :3] - eye, axis=1)
     return instances[np.argsort(-away)]
 
 
@@ -143,8 +139,10 @@ def held_sphere(drawn: WithSpheres):
     handles = drawn.handles
     if handles.grabbed is None or not drawn.settings.show_handles:
         return np.empty((0, SPHERE_FLOATS), np.float32)
-    places = handles.at(handles.grabbed.handles)
-    return np.array([[*at, drawn.handle_radius, *YELLOW] for at in places], np.float32)
+    held = np.empty((len(handles.grabbed.handles), SPHERE_FLOATS), np.float32)
+    held[:, :3] = handles.at(handles.grabbed.handles)
+    held[:, 3], held[:, 4:] = drawn.handle_radius, YELLOW
+    return held
 
 
 def stiffness_tints(factors):
