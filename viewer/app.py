@@ -307,7 +307,7 @@ class App:
     def draw(self, camera, keep: bool = True) -> None:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
         in_clips = self.scene.settings.handles_in_clips
-        clips = clip_range(self.scene.orbit)
+        clips = clip_range(self.scene.viewpoint.orbit)
         self.canvas.use(self.size)
         self.radiance.draw(camera, clips)
         beside = self.controls.covered.right * self.controls.ratio * keep

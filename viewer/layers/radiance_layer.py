@@ -62,13 +62,13 @@ class RemainingSubtets(RemainingField, Protocol):
 class SeenFrom(Protocol):
     """Where the object is seen from."""
 
+    orbit: Orbit
     depth_range: tuple[float, float]
 
 
 class WithRadiance(OnGround, Protocol):
     """The object whose field is drawn."""
 
-    orbit: Orbit
     viewpoint: SeenFrom
     cuts: RemainingSubtets
 
@@ -287,7 +287,7 @@ class RadianceLayer:
 
     def _savings(self, rung, factor, camera):
         """What a picture with that share of the image's lines saves on besides pixels."""
-        pixel = 1.0 / (factor * pixels_per_unit(camera, self._drawn.orbit.distance))
+        pixel = 1.0 / (factor * pixels_per_unit(camera, self._drawn.viewpoint.orbit.distance))
         return rung.savings(self._level_edges, pixel)
 
     def _past_view(self, camera):

@@ -76,6 +76,7 @@ class Handles:
 
     Attributes:
         points: The control points, those that were added behind those of the start.
+        size: The object's [model units].
         hover: The handle under the mouse, or None.
         selected: Handles that move together, in the order in which they were chosen.
         hidden: Handles that are neither drawn nor taken.
@@ -87,7 +88,7 @@ class Handles:
 
     def __init__(self, whole: Grabbable, surface):
         """Take an object, and points of its surface at rest [N, 3]."""
-        self._whole = whole
+        self._whole, self.size = whole, whole.size
         self.journal = None  # of the scene, once it has one
         mesh = whole.field.mesh
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, whole.size)
@@ -247,11 +248,6 @@ class Handles:
         """A handle's name; else its number among the vertices, or among the control points."""
         number = handle - len(self._whole.pins)
         return self.names.get(handle) or (f"vertex {handle}" if number < 0 else f"point {number}")
-
-    @property
-    def size(self) -> float:
-        """The object's size [model units]."""
-        return self._whole.size
 
     @property
     def movable(self) -> list[int]:
