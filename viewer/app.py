@@ -234,12 +234,14 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        self.opening.follow()
+        anew = self._built or self._has_news  # else a drag goes on, and nothing beside it
+        if anew:
+            self.opening.follow()
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.per_point = size[0] / max(self.window.width, 1)
         controls.ratio = controls.per_point * (1.0 if self.gui is None else self.gui.scale)
-        if self._built or self._has_news:  # else panels are as they were
+        if anew:
             controls.covered = controls.panels = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             controls.leave()
@@ -272,9 +274,6 @@ class App:
                 self.window.flip()
         if self._built:
             self._follow()
-        problem = "" if self.autosave is None else self.autosave.update()
-        if problem:
-            self.recorder.say(problem)
         times.end_frame()
         if self.log.enabled:
             self._log_state()
@@ -282,12 +281,15 @@ class App:
         self._drawn_at = time.perf_counter()
 
     def _follow(self):
-        """Go on with all that goes beside the object: films, training, questions, the title."""
+        """Go on with what goes beside the object: films, training, questions, files, the title."""
         self.takes.update()
         self.watcher.follow()
         self.questions.follow()
         if self.questions.name:
             self.fly.end()  # which has the keys
+        problem = "" if self.autosave is None else self.autosave.update()
+        if problem:
+            self.recorder.say(problem)
         self._follow_camera()
 
     def _follow_camera(self):
