@@ -329,7 +329,8 @@ class Renderer:
         # A pose is taken for one like the last one, with overlap or without.
         if plain and not (self.overlap.expected and self.overlap.exists()):
             bounds = wp.array(starts, dtype=int, device="cpu")
-            tiles = seen, bounds, self.pose.geometry, rectangles, self._tet_ids, image
+            taken = wp.zeros(1, dtype=int, device="cpu")
+            tiles = seen, bounds, self.pose.geometry, rectangles, self._tet_ids, image, taken
             sample_count = self._render_plain_tiles(Tiles(*tiles), capacity, options)
             if not self.overlap.exists():
                 return sample_count
