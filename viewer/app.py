@@ -71,7 +71,8 @@ class App:
         self._failed = False  # in the last turn of the loop
         # When the window had an event, its state was logged, a frame was drawn, panels were built.
         self.last_event = self._last_state = self._drawn_at = self._built_at = 0.0
-        self._has_news = self._built = True  # for the panels; whether the last frame built them
+        self._has_news = True  # for the panels
+        self._only_drags = False  # in the last frame, nothing went on beside a plain drag
         self.gui = self.panels = None
         window.push_handlers(self)
         if gui:
@@ -100,6 +101,7 @@ class App:
     def show(self, scene, renderer, path: str) -> None:
         """Show a scene from now on, as showing.show does."""
         showing.show(self, scene, renderer, path)
+        self._has_news = True
 
     @contextmanager
     def only_shown(self, **handlers):
@@ -234,14 +236,14 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        anew = self._built or self._has_news  # else a drag goes on, and nothing beside it
-        if anew:
+        only_drags = self._only_drags and not self._has_news
+        if not only_drags:
             self.opening.follow()
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.per_point = size[0] / max(self.window.width, 1)
         controls.ratio = controls.per_point * (1.0 if self.gui is None else self.gui.scale)
-        if anew:
+        if not only_drags:  # else the panels stay where they are
             controls.covered = controls.panels = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             controls.leave()
@@ -266,13 +268,14 @@ class App:
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
+        built = True
         if self.gui is not None:
             with times.task("panel"):
-                self._built = self._draw_panels()
+                built = self._draw_panels()
             with times.task("flip"):
                 self.canvas.show()
                 self.window.flip()
-        if self._built:
+        if built:
             self._follow()
         times.end_frame()
         if self.log.enabled:
@@ -345,7 +348,8 @@ class App:
         """Draw the panels; whether they were built: some times a second in a plain drag."""
         now, drag = time.perf_counter(), self.controls.held_drag
         plain = drag is not None and drag.is_plain and not self.controls.free
-        if plain and not self._has_news and now - self._built_at < PANEL_SECONDS:
+        self._only_drags = plain and not self._has_news
+        if self._only_drags and now - self._built_at < PANEL_SECONDS:
             self.gui.show_again()
             return False
         self._has_news, self._built_at = False, now
