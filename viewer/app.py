@@ -101,7 +101,6 @@ class App:
     def show(self, scene, renderer, path: str) -> None:
         """Show a scene from now on, as showing.show does."""
         showing.show(self, scene, renderer, path)
-        self._has_news = True
 
     @contextmanager
     def only_shown(self, **handlers):

@@ -88,10 +88,11 @@ class Handles:
 
     def __init__(self, whole: Grabbable, surface):
         """Take an object, and points of its surface at rest [N, 3]."""
-        self._whole, self.size = whole, whole.size
+        self._whole = whole
         self.journal = None  # of the scene, once it has one
         mesh = whole.field.mesh
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, whole.size)
+        self.size = whole.size
         self.hover: int | None = None
         self.selected: list[int] = []
         self.hidden: list[int] = []
