@@ -71,7 +71,8 @@ class App:
         self._failed = False  # in the last turn of the loop
         # When the window had an event, its state was logged, a frame was drawn, panels were built.
         self.last_event = self._last_state = self._drawn_at = self._built_at = 0.0
-        self._has_news = self._built = True  # for the panels; whether the last frame built them
+        self._has_news = True  # for the panels
+        self._only_drags = False  # in the last frame, nothing went on beside a plain drag
         self.gui = self.panels = None
         window.push_handlers(self)
         if gui:
@@ -230,12 +231,14 @@ class App:
 
     def frame(self, seconds: float, whole: bool = False) -> None:
         """One frame: `seconds` pass; all pixels are rendered at once if `whole`."""
-        self.opening.follow()
+        only_drags = self._only_drags and not self._has_news
+        if not only_drags:
+            self.opening.follow()
         scene, controls, times = self.scene, self.controls, self.times
         controls.size = size = self.size
         controls.per_point = size[0] / max(self.window.width, 1)
         controls.ratio = controls.per_point * (1.0 if self.gui is None else self.gui.scale)
-        if self._built or self._has_news:  # else panels are as they were
+        if not only_drags:  # else the panels stay where they are
             controls.covered = controls.panels = self.covered()
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             controls.leave()
@@ -260,17 +263,15 @@ class App:
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
+        built = True
         if self.gui is not None:
             with times.task("panel"):
-                self._built = self._draw_panels()
+                built = self._draw_panels()
             with times.task("flip"):
                 self.canvas.show()
                 self.window.flip()
-        if self._built:
+        if built:
             self._follow()
-        problem = "" if self.autosave is None else self.autosave.update()
-        if problem:
-            self.recorder.say(problem)
         times.end_frame()
         if self.log.enabled:
             self._log_state()
@@ -278,12 +279,15 @@ class App:
         self._drawn_at = time.perf_counter()
 
     def _follow(self):
-        """Go on with all that goes beside the object: films, training, questions, the title."""
+        """Go on with what goes beside the object: films, training, questions, files, the title."""
         self.takes.update()
         self.watcher.follow()
         self.questions.follow()
         if self.questions.name:
             self.fly.end()  # which has the keys
+        problem = "" if self.autosave is None else self.autosave.update()
+        if problem:
+            self.recorder.say(problem)
         self._follow_camera()
 
     def _follow_camera(self):
@@ -302,7 +306,7 @@ class App:
     def draw(self, camera, keep: bool = True) -> None:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
         in_clips = self.scene.settings.handles_in_clips
-        clips = clip_range(self.scene.orbit)
+        clips = clip_range(self.scene.viewpoint.orbit)
         self.canvas.use(self.size)
         self.radiance.draw(camera, clips)
         beside = self.controls.covered.right * self.controls.ratio * keep
@@ -334,7 +338,8 @@ class App:
         """Draw the panels; whether they were built: some times a second in a plain drag."""
         now, drag = time.perf_counter(), self.controls.held_drag
         plain = drag is not None and drag.is_plain and not self.controls.free
-        if plain and not self._has_news and now - self._built_at < PANEL_SECONDS:
+        self._only_drags = plain and not self._has_news
+        if self._only_drags and now - self._built_at < PANEL_SECONDS:
             self.gui.show_again()
             return False
         self._has_news, self._built_at = False, now

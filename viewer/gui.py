@@ -89,7 +89,7 @@ class Gui:
         self._time = time.perf_counter()
         self._rectangles = []  # of the panels in the last frame: left, top, right, bottom
         self._building = []
-        self.mouse_on_panel = False  # when it was last seen
+        self.mouse_on_panel = False  # when it was last seen without a button
         self._cross = False  # whether the mouse is shown as a cross
         self._captured = set()  # buttons that were pressed on a panel
         self._pressed = False  # on a panel, which has not answered yet
@@ -147,7 +147,8 @@ class Gui:
         return self.mouse_on_panel or None
 
     def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
-        self._move(x, y)
+        """Whatever has the mouse keeps it until the button is up: `mouse_on_panel` stays."""
+        self._io.add_mouse_pos_event(*self._place(x, y))
         return bool(self._captured) or None
 
     def on_mouse_press(self, x, y, button, modifiers):

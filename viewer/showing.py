@@ -86,3 +86,4 @@ def show(app, scene, renderer, path: str) -> None:
     app.window.push_handlers(app.controls)
     app.window.push_handlers(*panels_first)
     app.window.push_handlers(**noted)
+    app._note_event()  # panels are built, also in the middle of a drag

@@ -157,7 +157,7 @@ class XpbdSolver:
     @property
     def ready(self) -> bool:
         """Whether the next step need not wait seconds until thin parts are fitted."""
-        return not self._thin_differ or self.edges.sheet_ratios.ready
+        return self.edges.sheet_ratios.ready or not self._thin_differ
 
     @property
     def _thin_differ(self):

@@ -8,7 +8,7 @@ rays may be tangled or begin elsewhere, and where stages are timed, each stage i
 Shapes: R rays, at most as many as the memory has room for.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -230,7 +230,7 @@ class Tiles:
     rectangles: wp.array  # as `bounding_rectangles` has them.  vec4i
     tet_ids: wp.array  # [K] int: old ids of the visible tets
     image: dict  # arrays of all pixels: color, depth, and perhaps tet and samples
-    next: wp.array = field(default_factory=lambda: wp.zeros(1, dtype=int, device="cpu"))
+    next: wp.array  # [1] int: the tile that is taken next, 0 at first
 
 
 class TileMemory:

@@ -34,14 +34,14 @@ from .rays.approach import ball_around, begin_at_ball, is_far, moved_aside
 from .rays.camera import Camera, camera_rays, camera_rays_kernel, device_camera
 from .rays.marching import empty_rays
 from .rays.pose import Pose
-from .rays.raster import FaceRectangles
+from .rays.raster import bounding_rectangles, row_work
 from .render_options import RenderOptions, checked
 from .rounds.compositing import empty_pixels, resolve
 from .rounds.host import HostRounds
 from .shading import Shading
 from .stage_timer import StageTimer
 
-CPU_TILE_WORK = 2.0e6  # of FaceRectangles.row_work: much for each launch
+CPU_TILE_WORK = 2.0e6  # as `row_work` measures it: much for each launch
 CPU_TILES_PER_THREAD = 3  # or more, so that no thread waits long for the others
 THREAD_COST = 3.0e4  # of Python for a launch, which runs in one thread at a time; as work
 CPU_TILE_RAYS = 1 << 15  # bound what a tile takes of memory
@@ -210,8 +210,8 @@ class Renderer:
         options = self._checked(options)
         if self.device.is_cuda:
             camera = moved_aside(camera)  # on a CPU each ray is looked at
-        fast = options.path == "auto" and options.half and not options.details
-        fast = fast and self.shading.in_place is not None
+        fast = self.shading.in_place is not None and options.half
+        fast = fast and options.path == "auto" and not options.details
         way = self._render_wavefront if fast else self._render_tiles
         image = way(camera, options, rows or (0, camera.height))
         self.stage.collect()
@@ -278,24 +278,27 @@ class Renderer:
         return sample_count + self.host_rounds.render(rays, plain, pixels, options, self.stage)
 
     def _render_tiles(self, camera, options, rows) -> Image:
-        first_pixel, count = rows[0] * camera.width, (rows[1] - rows[0]) * camera.width
-        types = {"color": wp.vec4ub, "depth": float}
+        shape, device = (rows[1] - rows[0], camera.width), self.device
+        color = wp.empty(shape, dtype=wp.vec4ub, device=device)
+        image = Image(color, wp.empty(shape, dtype=float, device=device), 0)
+        pixels = {"color": image.color.flatten(), "depth": image.depth.flatten()}
         if options.details:
-            types |= {"tet": int, "samples": int}
-        arrays = {k: wp.empty(count, dtype=t, device=self.device) for k, t in types.items()}
-        if self.device.is_cuda:
-            self._find_overlap(options)
-            starts = [*range(first_pixel, first_pixel + count, CUDA_TILE_RAYS), first_pixel + count]
-            sample_count = 0
-            for start, end in pairwise(starts):
-                pixels = slice(start - first_pixel, end - first_pixel)
-                tile = {name: array[pixels] for name, array in arrays.items()}
-                sample_count += self._render_tile(camera, options, start, tile)
-        else:
-            sample_count = self._render_cpu_tiles(camera, options, rows, arrays)
-        shape = (rows[1] - rows[0], camera.width)
-        images = {name: array.reshape(shape) for name, array in arrays.items()}
-        return Image(**images, sample_count=sample_count)
+            image.tet = wp.empty(shape, dtype=int, device=device)
+            image.samples = wp.empty(shape, dtype=int, device=device)
+            pixels |= {"tet": image.tet.flatten(), "samples": image.samples.flatten()}
+        render = self._render_cuda_tiles if device.is_cuda else self._render_cpu_tiles
+        image.sample_count = render(camera, options, rows, pixels)
+        return image
+
+    def _render_cuda_tiles(self, camera, options, rows, image: dict) -> int:
+        """As _render_cpu_tiles."""
+        self._find_overlap(options)
+        first, end = rows[0] * camera.width, rows[1] * camera.width
+        sample_count = 0
+        for start, stop in pairwise([*range(first, end, CUDA_TILE_RAYS), end]):
+            tile = {name: array[start - first : stop - first] for name, array in image.items()}
+            sample_count += self._render_tile(camera, options, start, tile)
+        return sample_count
 
     def _render_tile(self, camera, options, first_pixel, tile) -> int:
         count = len(tile["color"])
@@ -313,17 +316,21 @@ class Renderer:
 
     def _render_cpu_tiles(self, camera, options, rows, image: dict) -> int:
         """Fill the arrays of `rows`; returns the number of samples."""
-        faces, seen = FaceRectangles(camera, self.pose), device_camera(camera)
-        ball = ball_around(self.pose.vertices.numpy())
+        seen, vertices = device_camera(camera), self.pose.vertices.numpy()
+        faces = bounding_rectangles(camera, vertices.astype(float), self.pose.boundary_faces)
+        rectangles = wp.array(faces, dtype=wp.vec4i, device="cpu")
+        ball = ball_around(vertices)
         ball = ball if is_far(camera.position, ball) else None
-        starts = _tile_starts(faces.row_work(), rows, max(CPU_TILE_RAYS // camera.width, 1))
+        work, row_limit = row_work(camera, faces), max(CPU_TILE_RAYS // camera.width, 1)
+        starts = _tile_starts(work, rows, row_limit)
         starts = camera.width * np.array(starts, np.int32)
         capacity = int(np.diff(starts).max(initial=0))
         plain = ball is None and options.path != "merge" and self.stage.seconds is None
         # A pose is taken for one like the last one, with overlap or without.
         if plain and not (self.overlap.expected and self.overlap.exists()):
             bounds = wp.array(starts, dtype=int, device="cpu")
-            tiles = seen, bounds, self.pose.geometry, faces.rectangles, self._tet_ids, image
+            taken = wp.zeros(1, dtype=int, device="cpu")
+            tiles = seen, bounds, self.pose.geometry, rectangles, self._tet_ids, image, taken
             sample_count = self._render_plain_tiles(Tiles(*tiles), capacity, options)
             if not self.overlap.exists():
                 return sample_count
@@ -335,8 +342,7 @@ class Renderer:
             if ball is not None:
                 *rays, skipped = begin_at_ball(*camera_rays(camera, first, count), ball)
             with self.stage("march"):
-                geometry = self.pose.geometry
-                memory.begin(seen, first, count, geometry, faces.rectangles, rays)
+                memory.begin(seen, first, count, self.pose.geometry, rectangles, rays)
             # A tangled ray may start within tets and graze the boundary unnoticed.
             ids = wp.array(np.arange(count), dtype=int, device="cpu")
             sample_count = self._trace_some(memory.rays, ids, memory.pixels, options)
@@ -354,7 +360,7 @@ class Renderer:
 
         self.pose.refresh_face_boxes()  # the search may, and rays read them
         used = -(-(len(tiles.starts) - 1) // CPU_TILES_PER_THREAD)
-        running = [self._pool.submit(render_some) for _ in range(min(used, thread_count()))]
+        running = list(map(self._pool.submit, [render_some] * min(used, thread_count())))
         try:
             self.overlap.exists()
         finally:

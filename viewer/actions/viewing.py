@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ...core.render import MODES
-from ..camera import pose_of, with_up
+from ..camera import with_up
 from ..settings import OF_BONES, PANEL_WIDTHS, TASKS
 from ..tools import found_box
 from .action import action, choice, gesture, has, toggle
@@ -78,7 +78,7 @@ def set_up(viewpoint, name: str) -> None:
     """Let one of UPS be up, or what is up in the picture."""
     up = UPS.get(name)
     if up is None:
-        up = pose_of(viewpoint.orbit)[:3, 1]
+        up = viewpoint.orbit.pose[:3, 1]
         up = up / np.linalg.norm(up)
     viewpoint.orbit = with_up(viewpoint.orbit, up)
 

@@ -9,7 +9,6 @@ from .orbit import (
     framed as framed,
     looking_from as looking_from,
     panned as panned,
-    pose_of as pose_of,
     turned as turned,
     turned_to as turned_to,
     values_of as values_of,

@@ -146,14 +146,9 @@ def looking_from(orbit: Orbit, pose, center) -> Orbit:
 def with_up(orbit: Orbit, up) -> Orbit:
     """Another direction is up: the same direction of view, level, and not steeper than a drag."""
     up = tuple(float(x) for x in up)
-    turned = facing(replace(orbit, up=up), pose_of(orbit)[:3, :3])
+    turned = facing(replace(orbit, up=up), orbit.pose[:3, :3])
     pitch = float(np.clip(turned.pitch, -STEEPEST, STEEPEST))
     return replace(turned, roll=0.0, pitch=pitch)
-
-
-def pose_of(orbit: Orbit):
-    """Camera to world.  [4, 4]"""
-    return orbit.pose
 
 
 def camera_of(orbit: Orbit, width: int, height: int) -> Camera:
@@ -161,7 +156,7 @@ def camera_of(orbit: Orbit, width: int, height: int) -> Camera:
     focal = 0.5 * height / np.tan(0.5 * orbit.field_of_view)
     if orbit.parallel:
         focal /= orbit.distance
-    return Camera(pose_of(orbit), pinhole(float(focal), width, height), orbit.parallel)
+    return Camera(orbit.pose, pinhole(float(focal), width, height), orbit.parallel)
 
 
 def clip_range(orbit: Orbit) -> tuple[float, float]:

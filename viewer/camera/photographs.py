@@ -164,4 +164,4 @@ def seen_from(photograph: Photograph, orbit, size, half_size, center):
 
 def is_seen_from(photograph: Photograph, orbit) -> bool:
     """Whether the camera is where the photograph was taken."""
-    return not orbit.parallel and np.allclose(orbits.pose_of(orbit), photograph.pose, atol=1e-5)
+    return not orbit.parallel and np.allclose(orbit.pose, photograph.pose, atol=1e-5)

@@ -75,7 +75,7 @@ class Opening:
         return next(own, Path.home())
 
     def follow(self) -> None:
-        """Called in every frame: take what the system's dialog says, and open what was asked."""
+        """Called many times a second: take what the dialog says, and open what was asked."""
         if self._dialog is not None and not self._dialog.follow():
             self._dialog = None
         if self.asked is not None and self._app.questions.leaving is None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.base.kept import Kept
 from ...core.field import TetField
-from ..camera import Orbit, pose_of
+from ..camera import Orbit
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
 from ..settings import OF_BONES, Settings
 from . import gl
@@ -72,7 +72,7 @@ class BoneLayer:
         if not self._drawn.settings.show_bones or left_behind(self._drawn):
             return
         drawn, rigging = self._drawn, self._drawn.rigging
-        eye = pose_of(drawn.orbit)  # far ones are drawn first
+        eye = drawn.orbit.pose  # far ones are drawn first
         shown = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
         self._written.of(shown, lambda: self._write(place))
         self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
@@ -109,7 +109,7 @@ def left_behind(drawn: WithBones) -> bool:
 
 
 def _far_first(orbit, places):
-    away = places - pose_of(orbit)[:3, 3]
+    away = places - orbit.pose[:3, 3]
     return np.argsort(-np.einsum("ni,ni->n", away, away), kind="stable")
 
 

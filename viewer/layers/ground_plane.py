@@ -104,7 +104,6 @@ class OnGround(Protocol):
     """The object that stands on the ground."""
 
     settings: Settings
-    on_ground: bool
     held: bool
     stands: bool  # as if on a ground
     floor: float  # where a ground would be
@@ -140,8 +139,9 @@ class GroundPlane:
     def _height(self) -> float | None:
         """Of the ground that is drawn; None: there is none."""
         standing, settings = self._standing, self._standing.settings
-        if standing.on_ground:
-            return standing.solver.options.ground if settings.show_ground else None
+        ground = standing.solver.options.ground
+        if ground is not None:
+            return ground if settings.show_ground else None
         rests = settings.show_floor and standing.stands and standing.held
         return standing.floor if rests else None
 

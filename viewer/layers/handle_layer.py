@@ -10,7 +10,6 @@ import moderngl
 import numpy as np
 
 from ...core.field import TetField
-from ..camera import Orbit, pose_of
 from ..document import MOST_ADDED, MOST_POINTS, Ball, Body, Grab
 from ..settings import Settings
 from . import gl
@@ -45,7 +44,6 @@ class WithSpheres(Protocol):
 
     field: TetField
     settings: Settings
-    orbit: Orbit
     handle_radius: float
     handle_bias: float
     ball: Ball | None
@@ -89,7 +87,7 @@ class HandleLayer:
             return
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         gl.blend_over(self._ctx)
-        spheres.write(sphere_instances(drawn))
+        spheres.write(sphere_instances(drawn, camera.position))
         spheres.draw(camera, clip_range, drawn.handle_bias)
         spheres.write(held_sphere(drawn))  # what of it is inside the object, faintly
         self._ctx.depth_func = ">"
@@ -100,8 +98,8 @@ class HandleLayer:
         self._spheres.release()
 
 
-def sphere_instances(drawn: WithSpheres):
-    """Center, radius and tint of every sphere, far ones first.  [S, 7] float32
+def sphere_instances(drawn: WithSpheres, eye):
+    """Center, radius and tint of every sphere, those far from the eye [3] first.  [S, 7] float32
 
     The soft edge of a sphere blends with what was drawn before it.
     """
@@ -128,7 +126,7 @@ def sphere_instances(drawn: WithSpheres):
     if drawn.ball is not None:
         ball = np.array([[*drawn.ball.reached, drawn.ball.radius, *BALL_GRAY]], np.float32)
         instances = np.concatenate([instances, ball])
-    away = np.linalg.norm(instances[:, :3] - pose_of(drawn.orbit)[:3, 3], axis=1)
+    away = np.linalg.norm(instances[:, :3] - eye, axis=1)
     return instances[np.argsort(-away)]
 
 
@@ -137,8 +135,10 @@ def held_sphere(drawn: WithSpheres):
     handles = drawn.handles
     if handles.grabbed is None or not drawn.settings.show_handles:
         return np.empty((0, SPHERE_FLOATS), np.float32)
-    places = handles.at(handles.grabbed.handles)
-    return np.array([[*at, drawn.handle_radius, *YELLOW] for at in places], np.float32)
+    held = np.empty((len(handles.grabbed.handles), SPHERE_FLOATS), np.float32)
+    held[:, :3] = handles.at(handles.grabbed.handles)
+    held[:, 3], held[:, 4:] = drawn.handle_radius, YELLOW
+    return held
 
 
 def stiffness_tints(factors):

@@ -62,25 +62,35 @@ class RemainingSubtets(RemainingField, Protocol):
 class SeenFrom(Protocol):
     """Where the object is seen from."""
 
+    orbit: Orbit
     depth_range: tuple[float, float]
 
 
 class WithRadiance(OnGround, Protocol):
     """The object whose field is drawn."""
 
-    orbit: Orbit
     viewpoint: SeenFrom
     cuts: RemainingSubtets
 
 
 class RadianceLayer:
-    """Draws what a Renderer of core/render renders of an object."""
+    """Draws what a Renderer of core/render renders of an object.
+
+    Attributes:
+        shown: The last whole picture.
+        factor: Its resolution, relative to the window's.
+        refined: The share of the rows at full resolution.
+        sample_count: The number of full-resolution images in the shown mean,
+        most_samples: and in the end, at rest.
+        settled: Whether nothing is left to render until something changes.
+        render_count: The number of images that were rendered at once, not in strips.
+    """
 
     def __init__(
         self, ctx, drawn: WithRadiance, renderer, path: str, times, clock=time.perf_counter
     ):
         """Take an object, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
-        self.render_count = 0  # of images that were rendered at once, not in strips
+        self.render_count, self.most_samples = 0, SAMPLE_COUNT
         self.path, self.device = path, renderer.device
         self.transparent = False  # draw no background, and the opacity into the fourth channel
         self._ctx, self._drawn, self._renderer = ctx, drawn, renderer
@@ -91,7 +101,7 @@ class RadianceLayer:
         self._moving = MovingResolution(0.1, CPU_LADDER if self.device.is_cpu else LADDER)
         field = renderer.field
         self._level_edges = level_edges(field.mesh, field.layout.level_count)
-        self.shown = Picture(0)  # the last whole picture
+        self.shown = Picture(0)
         self._coming: Picture | None = None  # a finer one, as far as it is
         self._spare: ImageTexture | SharedImage | None = None  # for the next finer one
         self._sampling: Sampling | None = None  # once shifted images are rendered
@@ -100,42 +110,18 @@ class RadianceLayer:
         self._seen = self._pose = None  # what was rendered last
         self._expect_all()
         self._changed_at = 0.0
+        self._note_progress()
 
     # -- how far it is -------------------------------------------------------------------
 
-    @property
-    def factor(self) -> float:
-        """Resolution of the last whole picture, relative to the window's."""
-        return self.shown.factor
-
-    @property
-    def refined(self) -> float:
-        """The share of the rows at full resolution."""
-        if self.factor == 1.0:
-            return 1.0
-        return self._progress if self._coming and self._coming.factor == 1.0 else 0.0
-
-    @property
-    def sample_count(self) -> int:
-        """The number of full-resolution images in the shown mean."""
-        return self._sampling.count if self._sampling else int(self.factor == 1.0)
-
-    @property
-    def most_samples(self) -> int:
-        """The final `sample_count` at rest."""
-        settings = self._drawn.settings
-        # The mean of hashed colors or of a heat map is the color of something else.
-        return SAMPLE_COUNT if settings.accumulate and settings.mode in AVERAGED_MODES else 1
-
-    @property
-    def settled(self) -> bool:
-        """Whether nothing is left to render until something changes."""
-        return self.refined == 1.0 and self.sample_count >= self.most_samples
-
-    @property
-    def _progress(self):
-        """The finished share of the coming picture."""
-        return self._coming.next_row / self._coming.height if self._coming else 0.0
+    def _note_progress(self):
+        """Say anew how far it is."""
+        coming, self.factor = self._coming, self.shown.factor
+        self.refined = float(self.factor == 1.0)
+        if self.refined < 1.0 and coming is not None and coming.factor == 1.0:
+            self.refined = coming.next_row / coming.height
+        self.sample_count = self._sampling.count if self._sampling else int(self.factor == 1.0)
+        self.settled = self.refined == 1.0 and self.sample_count >= self.most_samples
 
     def colored(self, surface):
         """An export.SurfaceMesh of the pose as it is now, with the colors that it has there."""
@@ -190,6 +176,9 @@ class RadianceLayer:
         """
         drawn, settings = self._drawn, self._drawn.settings
         self._follow_cuts()
+        # The mean of hashed colors or of a heat map is the color of something else.
+        averages = settings.accumulate and settings.mode in AVERAGED_MODES
+        self.most_samples = SAMPLE_COUNT if averages else 1
         seen = (
             camera.camera_to_world.tobytes(),
             (camera.lens, camera.parallel),
@@ -223,6 +212,7 @@ class RadianceLayer:
             self._refine(camera)
         elif not self.settled:
             self._sample(camera)
+        self._note_progress()
         if self._renderer.stage.seconds:
             self._times.rendering = self._renderer.stage.seconds
 
@@ -270,6 +260,7 @@ class RadianceLayer:
             return
         self.shown, self._coming = self._coming, None
         self.shown.texture.write(self.shown.images[0])
+        self._note_progress()
 
     def _render_moving(self, camera, steps_alone, before):
         """Render at once, as well as the target frame rate allows.
@@ -296,7 +287,7 @@ class RadianceLayer:
 
     def _savings(self, rung, factor, camera):
         """What a picture with that share of the image's lines saves on besides pixels."""
-        pixel = 1.0 / (factor * pixels_per_unit(camera, self._drawn.orbit.distance))
+        pixel = 1.0 / (factor * pixels_per_unit(camera, self._drawn.viewpoint.orbit.distance))
         return rung.savings(self._level_edges, pixel)
 
     def _past_view(self, camera):

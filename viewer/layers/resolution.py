@@ -155,12 +155,9 @@ class Picture:
     cheaper: dict = field(default_factory=dict)  # what it saves on, for RenderOptions
     images: list = field(default_factory=list)  # the renderer's, from top to bottom
     next_row: int = 0
+    done: bool = False  # it has all rows
     seconds_per_row: float | None = None
     part: tuple[slice, slice] | None = None  # if upsampled: rows and columns with the object
-
-    @property
-    def done(self) -> bool:
-        return self.next_row >= self.height
 
     @cached_property
     def depth(self):
@@ -179,6 +176,7 @@ class Picture:
         rows = image.color.shape[0]
         self.images.append(image)
         self.next_row += rows
+        self.done = self.next_row >= self.height
         self.seconds_per_row = seconds / rows
 
 

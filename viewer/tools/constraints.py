@@ -57,7 +57,7 @@ class Constraint:
     @property
     def number(self) -> float | None:
         """What was typed, if it is a number so far."""
-        return number_of(self.text)
+        return number_of(self.text) if self.text else None
 
     def choose(self, axis: int, across: bool = False) -> None:
         """Hold to an axis; to its own one if it was that already; then to nothing."""

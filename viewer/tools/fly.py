@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import CLOSEST, FARTHEST, depth_at, pose_of, turned
+from ..camera import CLOSEST, FARTHEST, depth_at, turned
 from .keys import CTRL
 
 WAYS = {  # keys, and where they move: right, up, backward
@@ -95,7 +95,7 @@ class Fly:
     def _put_target(self, eye, distance):
         orbit = self._scene.orbit
         distance = float(np.clip(distance, CLOSEST, FARTHEST))
-        backward = pose_of(orbit)[:3, 2]
+        backward = orbit.pose[:3, 2]
         self._scene.orbit = replace(orbit, target=eye - distance * backward, distance=distance)
 
     # -- the window's events; True keeps them from everybody else --------------------------

@@ -45,6 +45,7 @@ class Overlap:
     """Finds out whether a pose overlaps itself, once per change of its vertices; sorts rays.
 
     Attributes:
+        expected: What `exists` said last.
         tangled: What makes rays tangled; `prepare` fills it, `exists` its `shells`.
         counts: Of the pose that was searched last, on the device: tangled tets, crossings.  [2]
     """
@@ -52,7 +53,7 @@ class Overlap:
     def __init__(self, mesh: TetMesh, neighbours, pose: Pose):
         self._pose = pose
         self._searched = self._found = self._prepared = -1  # revisions of the pose
-        self._count = 0  # tangled tets
+        self._count, self.expected = 0, False  # tangled tets
         self._tangled_boxes = None  # BVH of the tets that are inverted or nearly flat
         self.tangled = TangledTets()
         self.tangled.shells = 0
@@ -73,11 +74,6 @@ class Overlap:
         self._searching = Recorded(pose.device)
         self._launches = None  # on a CPU: each with what it counts
 
-    @property
-    def expected(self) -> bool:
-        """What `exists` said last."""
-        return self._count > 0 or self.tangled.shells == 1
-
     def exists(self) -> bool:
         """Whether the present pose overlaps itself; waits for the device after a change."""
         self.search()
@@ -86,6 +82,7 @@ class Overlap:
                 wp.synchronize_event(self._counted)
             self._count, crossings = (int(n) for n in self._host_counts.numpy())
             self.tangled.shells = int(crossings > 0)
+            self.expected = self._count > 0 or crossings > 0
             self._found = self._pose.revision
         return self.expected
 

@@ -8,7 +8,7 @@ Rays of a pinhole camera start at its position.  Those of a parallel (orthograph
 along -z and start in the plane through its position: its focal lengths are pixels per unit.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import warp as wp
@@ -21,32 +21,28 @@ wp.set_module_options({"enable_backward": False})
 
 @dataclass(frozen=True)
 class Camera:
-    """A lens with a pose."""
+    """A lens with a pose.
+
+    Attributes:
+        width, height: Of the image.
+        focal: The horizontal focal length in pixels (or pixels per unit, if rays are parallel).
+        position, forward: [3]
+    """
 
     camera_to_world: np.ndarray  # [4, 4] float64: rigid, OpenGL's axes
     lens: Lens
     parallel: bool = False
+    # What follows from these, so that nothing has to be called for it.
+    width: int = field(init=False, repr=False, compare=False)
+    height: int = field(init=False, repr=False, compare=False)
+    focal: float = field(init=False, repr=False, compare=False)
+    position: np.ndarray = field(init=False, repr=False, compare=False)
+    forward: np.ndarray = field(init=False, repr=False, compare=False)
 
-    @property
-    def width(self) -> int:
-        return self.lens.width
-
-    @property
-    def height(self) -> int:
-        return self.lens.height
-
-    @property
-    def focal(self) -> float:
-        """The horizontal focal length in pixels (or pixels per unit, if rays are parallel)."""
-        return self.lens.focal[0]
-
-    @property
-    def position(self) -> np.ndarray:
-        return self.camera_to_world[:3, 3]
-
-    @property
-    def forward(self) -> np.ndarray:
-        return -self.camera_to_world[:3, 2]
+    def __post_init__(self):
+        lens, pose = self.lens, self.camera_to_world
+        vars(self).update(width=lens.width, height=lens.height, focal=lens.focal[0])
+        vars(self).update(position=pose[:3, 3], forward=-pose[:3, 2])
 
     def resized(self, width: int, height: int) -> "Camera":
         """The same camera with another number of pixels; the vertical field of view stays.

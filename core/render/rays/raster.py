@@ -16,7 +16,7 @@ from ...base.native import LANES_H, native_source
 from .camera import Camera
 from .entries import MOST_ENTRIES
 from .marching import Rays
-from .pose import Geometry, Pose
+from .pose import Geometry
 from .traversal import MAX_TETS
 
 FACE_WORK = 16.0  # a pixel in a face's rectangle, in pixels where there is none
@@ -28,35 +28,22 @@ MARGIN = 1.0  # pixels around a face: half of one, and roundings
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})
 
 
-class FaceRectangles:
-    """The boundary faces of a pose as a camera sees them, on the CPU."""
-
-    def __init__(self, camera: Camera, pose: Pose):
-        self._width, self._height = camera.width, camera.height
-        vertices = pose.vertices.numpy().astype(float)
-        rectangles = bounding_rectangles(camera, vertices, pose.boundary_faces)
-        self.known = rectangles is not None  # otherwise rays have to search
-        rectangles = rectangles if self.known else np.empty((0, 4), np.int32)
-        self.rectangles = wp.array(rectangles, dtype=wp.vec4i, device="cpu")
-
-    def row_work(self):
-        """About how much there is to do in each row: pixels, and those in rectangles.  [H]"""
-        work = np.full(self._height, float(self._width))
-        if self.known:
-            left, top, right, bottom = self.rectangles.numpy().T
-            size = self._height + 1
-            begun = np.bincount(top, right - left, size) - np.bincount(bottom, right - left, size)
-            work += begun.cumsum()[:-1] * FACE_WORK
-        return work
+def row_work(camera: Camera, rectangles):
+    """About how much there is to do in each row: pixels, and those in rectangles [B, 4].  [H]"""
+    left, top, right, bottom = rectangles.T
+    size = camera.height + 1
+    begun = np.bincount(top, right - left, size) - np.bincount(bottom, right - left, size)
+    return camera.width + begun.cumsum()[:-1] * FACE_WORK
 
 
 def bounding_rectangles(camera: Camera, vertices, faces):
-    """First column and row, and those after the last, of what each face may cover.  [B, 4] int
+    """First column and row, and those after the last, of what each face may cover.  [B, 4] int32
 
-    None if a face reaches behind the camera or is nowhere, or the lens bends its edges.
+    None of them if a face reaches behind the camera or is nowhere, or the lens bends its edges:
+    then rays have to search.
     """
     if camera.lens.is_distorted:
-        return None
+        return np.empty((0, 4), np.int32)
     corners = np.ascontiguousarray(faces.T)  # NumPy finds extremes fastest along the first axis
     (fx, fy), (cx, cy) = camera.lens.focal, camera.lens.center
     with np.errstate(all="ignore"):  # vertices that no face has may be anywhere
@@ -66,7 +53,7 @@ def bounding_rectangles(camera: Camera, vertices, faces):
         rows = (cy - fy * local[:, 1] / depth)[corners]
     usable = np.isfinite(local).all(axis=1) & (depth > 0.0)
     if not usable[corners].all():
-        return None
+        return np.empty((0, 4), np.int32)
     ranges = []
     for places, count in ((columns, camera.width), (rows, camera.height)):
         low, high = places.min(axis=0) - MARGIN, places.max(axis=0) + MARGIN

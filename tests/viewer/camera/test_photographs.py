@@ -121,7 +121,7 @@ def test_beside_the_render_it_is_as_large(app, folder):
     orbit = app.scene.orbit
     assert app.controls.camera.focal < 0.9 * before.focal
     app.frame(0.0)
-    assert (orbits.pose_of(app.scene.orbit) == orbits.pose_of(orbit)).all()
+    assert (app.scene.orbit.pose == orbit.pose).all()
     call(show_photograph, app, where="hidden")
     app.frame(0.0, whole=True)
     assert app.controls.covered.right == 0.0
@@ -140,7 +140,7 @@ def test_the_camera_is_where_the_photograph_was_taken(folder, to_model):
         one = photographs.step(1)
         room, covered = (200.0, 150.0), Covered(left=200.0, top=100.0)
         orbit = p.seen_from(one, orbits.Orbit(), (600, 400), room, np.full(3, 0.5))
-        assert orbits.pose_of(orbit) == pytest.approx(rolled(0.3 * photographs.index), abs=1e-9)
+        assert orbit.pose == pytest.approx(rolled(0.3 * photographs.index), abs=1e-9)
         assert p.is_seen_from(one, orbit)
         focal = in_free_part(orbits.camera_of(orbit, 600, 400), covered).focal
         reach = [

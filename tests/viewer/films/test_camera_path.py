@@ -32,7 +32,7 @@ def test_the_camera_is_at_each_key_and_between_them(tmp_path):
     assert [key.tick for key in keys] == [0.0, 120.0]
     for key, place in zip(keys, (PLACE, OTHER), strict=True):
         wanted = look_at(place["position"], place["target"])
-        np.testing.assert_allclose(orbits.pose_of(key.orbit), wanted, atol=1e-9)
+        np.testing.assert_allclose(key.orbit.pose, wanted, atol=1e-9)
         np.testing.assert_allclose(key.orbit.target, place["target"], atol=1e-9)
     assert np.degrees(keys[1].orbit.field_of_view) == pytest.approx(50)
     middle = orbit_at(keys, 60.0)
@@ -45,7 +45,7 @@ def test_a_matrix_may_be_rolled(tmp_path):
     flat = rolled.ravel().tolist()
     content = [{"transform_matrix": rolled.tolist()}, {"t": 5, "transform_matrix": flat[:12]}]
     for key in loaded(tmp_path, content):
-        np.testing.assert_allclose(orbits.pose_of(key.orbit), rolled, atol=1e-9)
+        np.testing.assert_allclose(key.orbit.pose, rolled, atol=1e-9)
 
 
 def test_cameras_of_a_data_set_are_in_its_space(tmp_path):
@@ -55,8 +55,8 @@ def test_cameras_of_a_data_set_are_in_its_space(tmp_path):
     frames = [{"file_path": "a", "transform_matrix": pose.tolist()} for pose in poses]
     keys = loaded(tmp_path, {"camera_angle_x": 0.7, "frames": frames}, matrix)
     assert [key.tick for key in keys] == [0, 60]
-    np.testing.assert_allclose(orbits.pose_of(keys[0].orbit)[:3, 3], [1.5, 0.5, 0.75])
-    np.testing.assert_allclose(orbits.pose_of(keys[1].orbit)[:3, :3], poses[1][:3, :3], atol=1e-9)
+    np.testing.assert_allclose(keys[0].orbit.pose[:3, 3], [1.5, 0.5, 0.75])
+    np.testing.assert_allclose(keys[1].orbit.pose[:3, :3], poses[1][:3, :3], atol=1e-9)
     assert keys[0].orbit.field_of_view == pytest.approx(0.7)
 
 
@@ -276,7 +276,7 @@ def test_far_origins_are_no_matter_of_the_path(tmp_path, kind):
         content = {"frames": 2 * [{"transform_matrix": np.reshape(rows, (4, 4)).tolist()}]}
     to_model = np.eye(4)
     to_model[:3, 3] = -far
-    pose = orbits.pose_of(loaded(tmp_path, content, to_model)[0].orbit)
+    pose = loaded(tmp_path, content, to_model)[0].orbit.pose
     np.testing.assert_allclose(pose, look_at([4.0, 0.0, 1.0], [0.0, 0.0, 0.0]), atol=1e-6)
     with pytest.raises(CameraPathError, match="model sizes away: is this the space of"):
         loaded(tmp_path, content)

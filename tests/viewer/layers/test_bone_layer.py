@@ -53,7 +53,7 @@ def test_bones_are_drawn_far_ones_first_and_the_chosen_one_is_seen(scene):
     scene.rigging.selected = 0, "tail"
     bones = bone_instances(scene)
     assert (bones[:, 6:] == np.float32(CHOSEN)).all(axis=1).sum() == 1
-    eye = orbits.pose_of(scene.orbit)[:3, 3]
+    eye = scene.orbit.pose[:3, 3]
     away = np.linalg.norm(0.5 * (bones[:, :3] + bones[:, 3:6]) - eye, axis=1)
     assert away[0] >= away[1]
 
@@ -71,7 +71,7 @@ def test_each_joint_has_a_sphere_where_it_is(scene, selected):
     chosen = [names[k] == selected for k in order[1]]
     seen = (spheres[order[0], 4:] == np.float32(CHOSEN)).all(axis=1)
     np.testing.assert_array_equal(seen, chosen)
-    away = np.linalg.norm(spheres[:, :3] - orbits.pose_of(scene.orbit)[:3, 3], axis=1)
+    away = np.linalg.norm(spheres[:, :3] - scene.orbit.pose[:3, 3], axis=1)
     assert (np.diff(away) <= 1e-6).all()
 
 

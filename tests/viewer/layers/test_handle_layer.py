@@ -96,12 +96,16 @@ def test_a_held_sphere_inside_the_object_is_a_ghost(scene, window):
     np.testing.assert_array_equal(after, before)
 
 
+def instances(scene):
+    return sphere_instances(scene, scene.orbit.pose[:3, 3])
+
+
 def test_hovered_is_larger_and_grabbed_has_another_color(scene):
     vertex = int(scene.handles.control_ids[0])
     at = scene.handles.at([vertex])[0]
 
     def instance():
-        return next(row for row in sphere_instances(scene) if np.allclose(row[:3], at, atol=1e-6))
+        return next(row for row in instances(scene) if np.allclose(row[:3], at, atol=1e-6))
 
     plain = instance()
     scene.handles.hover = vertex
@@ -114,10 +118,10 @@ def test_hovered_is_larger_and_grabbed_has_another_color(scene):
 
 
 def test_pins_are_smaller_and_not_red(scene):
-    rows = sphere_instances(scene)
+    rows = instances(scene)
     pins = rows[rows[:, 3] < scene.handle_radius * 0.99]
     assert len(pins) == scene.pins.sum()
     assert pins[:, 3] == pytest.approx(PIN_SCALE * scene.handle_radius)
     assert (pins[:, 6] > pins[:, 4]).all()
     scene.hold(False)
-    assert len(sphere_instances(scene)) == len(scene.handles.control_ids)
+    assert len(instances(scene)) == len(scene.handles.control_ids)

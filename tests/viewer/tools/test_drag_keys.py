@@ -84,7 +84,7 @@ def played(scene, ball, start, folder):
 @pytest.mark.parametrize("own", [False, True])
 @pytest.mark.parametrize("name", ["x", "z", "xy", "xz"])
 def test_an_arrow_moves_along_its_axis_and_a_square_in_its_plane(controls, scene, name, own):
-    scene.orbit = scene.orbit.__class__(**{**vars(scene.orbit), "yaw": 0.6, "pitch": 0.5})
+    scene.orbit = replace(scene.orbit, yaw=0.6, pitch=0.5)
     scene.settings.own_axes = own
     ids = select(controls)
     if own:
@@ -128,7 +128,7 @@ def test_it_can_be_cancelled(controls, scene, kind, ending):
 
 
 def test_a_ring_turns_about_its_axis_and_a_box_stretches_along_it(controls, scene, ball, tmp_path):
-    scene.orbit = scene.orbit.__class__(**{**vars(scene.orbit), "yaw": 0.6, "pitch": 0.6})
+    scene.orbit = replace(scene.orbit, yaw=0.6, pitch=0.6)
     start, ids = start_of(scene), select(controls, 4)
     before = scene.handles.at(ids)
     center = before.mean(axis=0)
@@ -282,7 +282,7 @@ def chain(scene):
 def test_a_ring_turns_the_chosen_bone_about_its_head(controls, scene, chain, ball, tmp_path):
     scene.settings.tool, scene.settings.gizmo = "bones", "turn"
     before = scene.posing.ends.copy()
-    scene.orbit = scene.orbit.__class__(**{**vars(scene.orbit), "yaw": 0.4, "pitch": 0.3})
+    scene.orbit = replace(scene.orbit, yaw=0.4, pitch=0.3)
     drag_part(controls, "y", [40.0, 30.0])
     angle = np.radians(controls.held_drag.amount)
     assert abs(angle) > 0.05

@@ -42,11 +42,11 @@ def move_mouse(app, dx, dy):
 
 
 def eye(app):
-    return orbits.pose_of(app.scene.orbit)[:3, 3]
+    return app.scene.orbit.pose[:3, 3]
 
 
 def axes(app):
-    return orbits.pose_of(app.scene.orbit)[:3, :3]
+    return app.scene.orbit.pose[:3, :3]
 
 
 @pytest.mark.parametrize(
@@ -100,10 +100,10 @@ def test_afterwards_the_orbit_turns_about_the_surface_in_the_middle(app):
     app.frame(0.05)
     press(app, "A", release=True)
     app.frame(0.0)
-    before = orbits.pose_of(app.scene.orbit)
+    before = app.scene.orbit.pose
     press(app, "ESCAPE")
     assert not app.fly.on
-    assert orbits.pose_of(app.scene.orbit) == pytest.approx(before)
+    assert app.scene.orbit.pose == pytest.approx(before)
     camera = app.controls.camera
     middle = np.array([[camera.width / 2, camera.height / 2]])
     (t,) = picking.depth_at(app.radiance.depth_image(), camera, middle)

@@ -84,7 +84,7 @@ def test_a_hole_in_all_mattes_stays_one(views, points):
             both |= ball_of(moved)
         matte = np.where(both, OBJECT, BACKGROUND).astype(np.uint8)
         shifted.append(carving.View(view.pose, LENS, matte))
-    doubled = np.concatenate([points + [0, 0, 0.6], points - [0, 0, 0.6]])
+    doubled = np.concatenate([points + np.array([0, 0, 0.6]), points - np.array([0, 0, 0.6])])
     hull = carving.carve(shifted, doubled)
     between = np.abs(hull.centers[:, 2]) < 0.05
     assert not (between & (np.linalg.norm(hull.centers[:, :2], axis=1) < 0.4)).any()
@@ -98,7 +98,7 @@ def test_nothing_is_left_where_all_is_background(views, points):
 def test_pixels_are_those_of_the_lens():
     rng = np.random.default_rng()
     lens = np.array([150.0, 140.0, 75.0, 62.0, -0.1, WIDTH, HEIGHT])
-    pose = look(rng.normal(size=3) + [0, -3, 0], (0, 0, 0))
+    pose = look(rng.normal(size=3) + np.array([0, -3, 0]), (0, 0, 0))
     points = rng.uniform(-0.3, 0.3, (50, 3)).astype(np.float32)
     columns, rows, there = carving.pixels_of(carving.View(pose, lens, None), points)
     local = (points - pose[:3, 3]) @ pose[:3, :3]

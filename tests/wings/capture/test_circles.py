@@ -1,6 +1,6 @@
 """Cameras on circles: the derivatives, and what a bundle adjustment with them recovers."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -110,4 +110,3 @@ def test_few_photographs_stay_free():
         [range(3)], np.tile(np.eye(3), (5, 1, 1)), np.ones((5, 3)), np.ones(1), np.zeros(1), None
     )
     assert len(rings.L) == 5
-    assert [field.name for field in fields(rings)][0] == "ring"

@@ -75,7 +75,7 @@ class Clock(Edited):
     def moving(self) -> bool:
         """Whether time, or a hand while it is stopped, changes the pose."""
         timed = self._timed
-        return timed.timeline.playing or timed.posing.playing or self._steps or self._settles
+        return timed.timeline.playing or timed.posing.playing or self._goes_on
 
     @property
     def waits(self) -> bool:
@@ -83,23 +83,22 @@ class Clock(Edited):
         timed = self._timed
         if timed.solver.ready or timed.timeline.playing or timed.posing.playing:
             return False
-        if not (self._steps or self._settles):
+        if not self._goes_on:
             return False
         timed.solver.edges.sheet_ratios.begin()
         return True
 
     @property
-    def _steps(self):
-        ball = self._timed.ball
-        pushes = ball is not None and ball.on_its_way
-        return not self._paused and not (self._timed.solver.settled and not pushes)
+    def _goes_on(self):
+        """Whether the solver moves the object.
 
-    @property
-    def _settles(self):
-        """Whether a hand poses the object while time is stopped, or has and it isn't still yet."""
-        timed = self._timed
-        poses = self._paused and timed.settings.hand == "pose" and not timed.solver.settled
-        return poses and (self._settling or timed.handles.grabbed is not None)
+        While time is stopped, it does if a hand poses the object, or has and it isn't still yet.
+        """
+        timed, ball = self._timed, self._timed.ball
+        if not timed.solver.settled:
+            holds = self._settling or timed.handles.grabbed is not None
+            return not self._paused or (timed.settings.hand == "pose" and holds)
+        return not self._paused and ball is not None and ball.on_its_way
 
     def advance(self, seconds: float) -> None:
         """Let time pass; the object moves unless it rests or is paused."""
@@ -109,7 +108,7 @@ class Clock(Edited):
         self._time += seconds
         count = min(round(self._time / TIME_STEP), MAX_STEPS)
         self._time = min(self._time - count * TIME_STEP, TIME_STEP)
-        self._settling = self._settles
+        self._settling = self._paused and self._goes_on
         if self._paused:
             timed.posing.follow()
             if count and self._settling:  # what a hand poses takes the rest along
@@ -139,7 +138,7 @@ class Clock(Edited):
         """
         timed = self._timed
         by_timeline, by_clip = timed.timeline.advance(), timed.posing.advance(seen)
-        if not (by_timeline or by_clip) and self._steps:
+        if not (by_timeline or by_clip or self._paused) and self._goes_on:
             timed.solver.step(TIME_STEP)
         timed.journal.tick += 1
 

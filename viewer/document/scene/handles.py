@@ -76,6 +76,7 @@ class Handles(Edited):
 
     Attributes:
         points: The control points, those that were added behind those of the start.
+        size: The object's [model units].
         hover: The handle under the mouse, or None.
         selected: Handles that move together, in the order in which they were chosen.
         hidden: Handles that are neither drawn nor taken.
@@ -92,6 +93,7 @@ class Handles(Edited):
         self._whole = whole
         mesh = whole.field.mesh
         self.points = placed(surface, mesh.rest_vertices, mesh.tets, whole.size)
+        self.size = whole.size
         self.hover: int | None = None
         self.selected: list[int] = []
         self.hidden: list[int] = []
@@ -247,11 +249,6 @@ class Handles(Edited):
         """A handle's name; else its number among the vertices, or among the control points."""
         number = handle - len(self._whole.pins)
         return self.names.get(handle) or (f"vertex {handle}" if number < 0 else f"point {number}")
-
-    @property
-    def size(self) -> float:
-        """The object's size [model units]."""
-        return self._whole.size
 
     @property
     def movable(self) -> list[int]:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...camera import Orbit, changed, framed, pose_of, values_of
+from ...camera import Orbit, changed, framed, values_of
 from ..history.journal import Edited, edit
 from .surface import bounds
 
@@ -43,7 +43,12 @@ class Viewed(Protocol):
 
 
 class Viewpoint(Edited):
-    """The camera of one object; `orbit` is what it is now."""
+    """The camera of one object; `orbit` is what it is now.
+
+    Attributes:
+        depth_range: Distances from the eye between which the object lies at rest, whatever its
+            shape.
+    """
 
     kept = ("saved",)
 
@@ -72,15 +77,6 @@ class Viewpoint(Edited):
         self.orbit = framed(self.orbit, 0.5 * (low + high), radius)
 
     @property
-    def depth_range(self) -> tuple[float, float]:
-        """Distances from the eye between which the object lies at rest, whatever its shape."""
-        viewed, pose = self._viewed, pose_of(self.orbit)
-        away = float(np.linalg.norm(pose[:3, 3] - viewed.center))
-        if self.orbit.parallel:
-            away = float((pose[:3, 3] - viewed.center) @ pose[:3, 2])
-        return max(away - DEPTH_PART * viewed.size, 0.0), away + DEPTH_PART * viewed.size
-
-    @property
     def orbit(self) -> Orbit:
         return self._orbit
 
@@ -88,7 +84,13 @@ class Viewpoint(Edited):
     def orbit(self, orbit: Orbit):
         """However far a user pans: a session keeps no camera beyond."""
         target = np.clip(orbit.target, -FARTHEST_TARGET, FARTHEST_TARGET)
-        self._orbit = orbit if (target == orbit.target).all() else replace(orbit, target=target)
+        orbit = orbit if (target == orbit.target).all() else replace(orbit, target=target)
+        viewed, pose = self._viewed, orbit.pose
+        away = float(np.linalg.norm(pose[:3, 3] - viewed.center))
+        if orbit.parallel:
+            away = float((pose[:3, 3] - viewed.center) @ pose[:3, 2])
+        reach = DEPTH_PART * viewed.size
+        self._orbit, self.depth_range = orbit, (max(away - reach, 0.0), away + reach)
 
     # -- views with a name ---------------------------------------------------------------
 

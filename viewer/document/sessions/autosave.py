@@ -39,7 +39,7 @@ class Autosave:
         self._next = clock() + SECONDS
 
     def update(self) -> str:
-        """Called in every frame: write the file if it is time and something was done.
+        """Called many times a second: write the file if it is time and something was done.
 
         Returns:
             What went wrong, said again every minute, or what the file lacks; else an empty string.

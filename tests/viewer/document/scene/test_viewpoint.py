@@ -43,9 +43,9 @@ def test_a_saved_view_is_gone_back_to(scene, app_like):
     assert list(scene.viewpoint.saved) == ["the side", "view 1"]
     ACTIONS["next_view"](app_like)
     assert app_like.said[-1] == "view: the side"
-    np.testing.assert_array_equal(orbits.pose_of(scene.orbit), orbits.pose_of(first))
+    np.testing.assert_array_equal(scene.orbit.pose, first.pose)
     ACTIONS["next_view"](app_like)
-    np.testing.assert_array_equal(orbits.pose_of(scene.orbit), orbits.pose_of(second))
+    np.testing.assert_array_equal(scene.orbit.pose, second.pose)
     scene.viewpoint.delete("view 1")
     assert list(scene.viewpoint.saved) == ["the side"]
 
@@ -79,7 +79,7 @@ def test_a_session_has_the_views(scene, ball, tmp_path):
     again = Scene(ball, "ball", "cpu")
     Player(again, load_session(path, ball)).play_to(1)
     assert again.viewpoint.saved == scene.viewpoint.saved != {}
-    np.testing.assert_array_equal(orbits.pose_of(again.orbit), orbits.pose_of(scene.orbit))
+    np.testing.assert_array_equal(again.orbit.pose, scene.orbit.pose)
     assert again.orbit.parallel and again.orbit.up == UPS["-x"]
     for wrong, right in (("[-1.0, 0.0, 0.0]", "[-1.0, 0.5, 0.0]"), ('"view 1"', '"view\\n"')):
         damaged = tmp_path / "damaged.jsonl"
@@ -92,21 +92,21 @@ def test_a_session_has_the_views(scene, ball, tmp_path):
 def test_up_is_chosen_by_its_axis(scene, name):
     set_up(scene.viewpoint, name)
     assert up_name(scene.orbit) == name
-    assert orbits.pose_of(scene.orbit)[:3, 1] @ UPS[name] > 0.0
+    assert scene.orbit.pose[:3, 1] @ UPS[name] > 0.0
     scene.viewpoint.home()
     assert up_name(scene.orbit) == name  # it is the capture's
     app = SimpleNamespace(scene=scene)
     for view, (_, pitch, _) in AXIS_VIEWS.items():
         ACTIONS[view](app)
-        away = orbits.pose_of(scene.orbit)[:3, 2] @ UPS[name]
+        away = scene.orbit.pose[:3, 2] @ UPS[name]
         assert away == pytest.approx(np.sin(np.radians(pitch)), abs=1e-9)
 
 
 def test_up_can_be_that_of_the_picture(scene):
     scene.orbit = orbits.changed(scene.orbit, {"roll": 0.5, "pitch": 0.2})
-    before = orbits.pose_of(scene.orbit)
+    before = scene.orbit.pose
     set_up(scene.viewpoint, FROM_VIEW)
-    assert orbits.pose_of(scene.orbit) == pytest.approx(before)
+    assert scene.orbit.pose == pytest.approx(before)
     assert scene.orbit.roll == 0.0 and up_name(scene.orbit) == FROM_VIEW
 
 
@@ -123,7 +123,7 @@ def test_the_axis_views_are_on_both_number_rows_and_their_backs_on_shift():
 def test_depths_of_parallel_rays_are_those_of_the_object(scene):
     ACTIONS["toggle_parallel"](SimpleNamespace(scene=scene))
     low, high = scene.viewpoint.depth_range
-    t = (scene.positions - orbits.pose_of(scene.orbit)[:3, 3]) @ -orbits.pose_of(scene.orbit)[:3, 2]
+    t = (scene.positions - scene.orbit.pose[:3, 3]) @ -scene.orbit.pose[:3, 2]
     assert low < t.min() and t.max() < high
     scene.orbit = orbits.panned(scene.orbit, 500, 0, 240)
     assert scene.viewpoint.depth_range == pytest.approx((low, high))
