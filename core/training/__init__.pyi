@@ -37,7 +37,7 @@ from .data.layouts import list_images as list_images
 from .data.datasets import read_image as read_image, shrunk_size as shrunk_size, size_of as size_of
 
 # For wings/capture.
-from .data.masks import mask_paths as mask_paths, read_mask as read_mask
+from .data.masks import UNTOLD as UNTOLD, mask_paths as mask_paths, read_mask as read_mask
 from .data.photo_files import photo_files as photo_files, photo_folder as photo_folder
 from .data.points import (
     SparsePoints as SparsePoints,

@@ -72,7 +72,7 @@ def photographed_rays(
     if weights is not None:
         say(said_of_blur(dataset, weights))
     around = learns_surroundings(options.surroundings, dataset)
-    bank.draw_from(box, weights, ASIDE if around else 0.0)
+    bank.draw_from(box, weights, ASIDE if around else 0.0, dataset.masked)
     return bank
 
 

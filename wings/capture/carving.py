@@ -5,14 +5,18 @@ small cube of space is seen by every view, as background, as the object, or as s
 What MOST of the views that know something call background is empty (space carving, Kutulakos and
 Seitz 2000, with errors).  The silhouettes of the rest, the hull, say of each pixel
 
-* well within a silhouette: the object;  * outside: the background;
-* near its edge: what the pixel's own matte says, and where that is open, the silhouette.
+* well within a silhouette: the object;
+* outside: the background;
+* near its edge: what the pixel's own matte says.  Where that is open, the silhouette of the cubes
+  that are sure says it: those well inside the hull, and those that views saw as the object.  The
+  rest remains UNTOLD, as are shadows around its feet that lie there in each view.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...core.training import UNTOLD
 from .mattes import BACKGROUND, OBJECT, UNKNOWN
 
 COARSE, FINE = 32, 128  # cubes along a side of the space, at first and in the end
@@ -20,6 +24,8 @@ WIDER = 1.4  # than the box of the sparse points is the space
 OUTLIERS = 1.0  # percent of these points at each side
 MOST = 0.15  # of the views that know something
 HALF = 0.5  # how much a view counts that doesn't know
+SEEN = 0.5  # of the views saw a cube as the object: then it is sure
+DEEP = 3  # cubes from the hull's surface, from where on all are sure
 WITHIN, BEYOND = 2, 2  # cubes of the hull, as wide as pixels, in which the pixel's matte decides
 
 
@@ -40,10 +46,11 @@ class View:
 
 @dataclass(frozen=True)
 class Hull:
-    """Cubes that are not empty: their centers [n, 3], and the length of their edges."""
+    """Cubes that are not empty: their centers [n, 3], edges, and which of them are sure [n]."""
 
     centers: np.ndarray
     edge: float
+    sure: np.ndarray
 
     @property
     def box(self):
@@ -65,8 +72,8 @@ def pixels_of(view: View, points):
     return *np.where(there[:, None], place, 0).T, there
 
 
-def is_filled(views, points):
-    """Which points are not empty, by the views' votes.  [n, 3] -> [n] bool"""
+def votes(views, points):
+    """Which points are not empty, and how many of the views saw the object there.  [n] both"""
     empty, unknown, filled = np.zeros((3, len(points)), np.int32)
     for view in views:
         columns, rows, there = pixels_of(view, points)
@@ -74,7 +81,8 @@ def is_filled(views, points):
         empty += there & (found == BACKGROUND)
         unknown += there & (found == UNKNOWN)
         filled += there & (found > UNKNOWN)
-    return (empty < MOST * (empty + filled + HALF * unknown)) & (filled > 0)
+    known = empty + filled + HALF * unknown
+    return empty < MOST * known, filled / np.maximum(known, 1.0)
 
 
 def levels() -> int:
@@ -89,7 +97,7 @@ def carve(views, points, advance=lambda count: None) -> Hull | None:
         views: Those with mattes.
         points: [n, 3]
     """
-    from scipy.ndimage import binary_dilation
+    from scipy.ndimage import binary_dilation, binary_erosion
 
     low, high = np.percentile(points, [OUTLIERS, 100.0 - OUTLIERS], axis=0)
     half = 0.5 * WIDER * (high - low).max()
@@ -98,42 +106,44 @@ def carve(views, points, advance=lambda count: None) -> Hull | None:
     size, done = COARSE, 0
     while True:
         centers = (begin + edge * (cubes + 0.5)).astype(np.float32)
-        filled = is_filled(views, centers)
+        filled, seen = votes(views, centers)
         done += 1
         advance(done)
         if not filled.any():
             return None
-        if size >= FINE:
-            return Hull(centers[filled], edge)
-        # What lies beside a filled cube may hold filled ones too small for this size.
         grid = np.zeros((size + 2,) * 3, bool)
         grid[tuple(cubes[filled].T + 1)] = True
+        if size >= FINE:
+            at = tuple(cubes[filled].T + 1)
+            inner, deep = (binary_erosion(grid, iterations=n)[at] for n in (1, DEEP))
+            return Hull(centers[filled], edge, inner & (deep | (seen[filled] > SEEN)))
+        # What lies beside a filled cube may hold filled ones too small for this size.
         kept = np.argwhere(binary_dilation(grid, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1])
         children = np.stack(np.meshgrid(*3 * [np.arange(2)], indexing="ij"), -1).reshape(-1, 3)
         cubes = (2 * kept[:, None] + children).reshape(-1, 3)
         size, edge = 2 * size, 0.5 * edge
 
 
-def silhouette(view: View, hull: Hull):
-    """The pixels that the hull covers, and the width of a cube in pixels.  [h, w] bool, int"""
+def silhouette(view: View, centers, edge: float):
+    """The pixels that cubes cover, and the width of one in pixels.  [h, w] bool, int"""
     from scipy.ndimage import binary_closing
 
     width, height = view.lens[5:].astype(int)
     image = np.zeros((height, width), bool)
-    columns, rows, there = pixels_of(view, hull.centers)
+    columns, rows, there = pixels_of(view, centers)
     image[rows[there], columns[there]] = True
-    depth = np.median(np.linalg.norm(hull.centers - view.pose[:3, 3], axis=1))
-    cube = max(1, int(np.ceil(view.lens[:2].max() * hull.edge / depth)))
+    depth = np.median(np.linalg.norm(centers - view.pose[:3, 3], axis=1))
+    cube = max(1, int(np.ceil(view.lens[:2].max() * edge / depth)))
     padded = np.pad(image, 2 * cube)
     closed = binary_closing(padded, np.ones((3, 3)), iterations=cube)
     return closed[2 * cube : -2 * cube, 2 * cube : -2 * cube], cube
 
 
 def voted(view: View, hull: Hull) -> np.ndarray:
-    """How much of each pixel is the object's after the votes, 0 to 255.  [h, w] uint8"""
+    """How much of each pixel is the object's after the votes, 0 to 255, or UNTOLD.  [h, w] uint8"""
     from scipy.ndimage import binary_dilation, binary_erosion, label
 
-    covered, cube = silhouette(view, hull)
+    covered, cube = silhouette(view, hull.centers, hull.edge)
     if view.matte is None:
         return np.where(covered, np.uint8(255), np.uint8(0))
     square = np.ones((3, 3))
@@ -141,9 +151,13 @@ def voted(view: View, hull: Hull) -> np.ndarray:
     beyond = binary_dilation(covered, square, iterations=BEYOND * cube)
     shares = (view.matte.astype(float) - UNKNOWN) / (OBJECT - UNKNOWN)
     own = np.where(beyond, np.maximum(shares, 0.0), 0.0)
-    own[within | ((view.matte == UNKNOWN) & covered)] = 1.0
+    is_open = (view.matte == UNKNOWN) & covered & ~within
+    own[within | is_open] = 1.0
     # A hole of the matte that lies all within the silhouette is none.
     holes, count = label(own <= 0.5)
     open_ones = np.unique(holes[~covered])
     own[np.isin(holes, np.setdiff1d(np.arange(1, count + 1), open_ones))] = 1.0
-    return (255.0 * own).round().astype(np.uint8)
+    is_sure = silhouette(view, hull.centers[hull.sure], hull.edge)[0]
+    shares = (255.0 * own).round().astype(np.uint8)
+    shares[is_open & ~is_sure] = UNTOLD
+    return shares

@@ -26,6 +26,7 @@ KNOWN = 0.5  # of the photographs that show it
 GAIN, GAIN_STEP = 0.5, 0.005  # how far brightness may drift, and what is told apart [log]
 DARKEST, BRIGHTEST = 20.0, 235.0  # of colors that tell how bright a photograph is
 SHADE, SAME_TINT = 0.3, 0.05  # darkest shadow; how much more of one color than of another it takes
+ISLAND = 0.02  # of the object: a smaller piece of background within it may be a color alike
 EDGE, NEAR = 2, 2.0  # pixels from where all is background; how far inner colors reach
 BAND = 64  # rows that are looked at at a time
 
@@ -138,7 +139,7 @@ def matte_of(image, background: Background) -> np.ndarray:
     Args:
         image: [h, w, 3] uint8
     """
-    from scipy.ndimage import binary_closing, binary_opening, uniform_filter
+    from scipy.ndimage import binary_closing, binary_opening, label, uniform_filter
 
     color, same = background.color, background.same
     equal = image / gain_of(image, color)
@@ -151,6 +152,10 @@ def matte_of(image, background: Background) -> np.ndarray:
     is_shadow &= abs(shades - shade[..., None]).max(axis=-1) < SAME_TINT
     unknown = ~background.known | (differs & is_shadow)
     kept = binary_opening(binary_closing(unknown | differs))  # the rest are crumbs of noise
+    islands, count = label(~kept)
+    small = np.bincount(islands.ravel(), minlength=count + 1) < ISLAND * np.count_nonzero(kept)
+    small[0] = False
+    kept, unknown = kept | small[islands], unknown | small[islands]
     shares = UNKNOWN + 1 + (OBJECT - UNKNOWN - 1) * object_shares(equal, color, kept, 2.0 * same)
     return np.where(kept, np.where(unknown, UNKNOWN, shares.round()), BACKGROUND).astype(np.uint8)
 

@@ -20,6 +20,7 @@ from .foreign_paths import tail_of
 from .photo_files import IMAGE_ENDINGS
 from .posed_images import PosedImage, have_one_shape
 
+UNTOLD = 1  # of 255, in a mask: nothing tells whether the pixel shows the object
 MOST_CLASSES = 32  # values of a mask that holds numbers of classes; what is soft has more
 
 
@@ -108,7 +109,10 @@ def read_mask(path: Path, width, height, upright=False):
     counts = mask.histogram()
     if not counts[255] and np.count_nonzero(counts) <= MOST_CLASSES:
         mask = mask.point(lambda value: 255 * (value > 0))
-    return np.asarray(mask.resize((width, height), Image.Resampling.BOX))
+    shrunk = np.array(mask.resize((width, height), Image.Resampling.BOX))
+    untold = mask.point(lambda value: 255 * (value == UNTOLD))
+    shrunk[np.asarray(untold.resize((width, height), Image.Resampling.BOX)) > 0] = UNTOLD
+    return shrunk
 
 
 def brightest(pixels):
