@@ -17,6 +17,7 @@ DOT, RING, TEXT, WHITE = (10, 30, 90), (90, 90, 90), (20, 20, 20), (255, 255, 25
 STRIPES = 9  # pixels from one to the next, in what is missed
 FINE = 3  # samples along a pixel's side
 LEVELS = (30, 60)  # degrees, at which a ring is drawn
+OUTLINE = {"stroke_width": 2, "stroke_fill": WHITE}  # of letters on colors
 SHORT = 12  # characters of a name
 
 
@@ -44,7 +45,7 @@ def draw_sphere(view: Around, gaps: list[Gap], size: tuple[int, int]) -> Image.I
     for level in LEVELS:
         r = big * (90 - level) / 90
         draw.ellipse((x - r, y - r, x + r, y + r), None, RING)
-        draw.text((x + 3, y - r), f"{level}°", TEXT, load_default(11), anchor="lb")
+        draw.text((x, y - r), f"{level}°", TEXT, load_default(11), anchor="mm", **OUTLINE)
     draw_photos(draw, view, gaps, top, big, bottom, small)
     draw_legend(draw, (16, height - 98), lowest(view) >= 0.0)
     return image
@@ -89,11 +90,10 @@ def draw_photos(draw, view: Around, gaps, top, big, bottom, small):
     for direction in view.directions:
         dot = place(direction)
         draw.ellipse((*(dot - 3), *(dot + 3)), DOT, WHITE)
-    outline = {"stroke_width": 2, "stroke_fill": WHITE}
     for name, direction in zip(view.names, view.directions, strict=True):
         if name in named:
             x, y = place(direction)
-            draw.text((x, y - 4), short(name), TEXT, load_default(12), anchor="ms", **outline)
+            draw.text((x, y - 4), short(name), TEXT, load_default(12), anchor="ms", **OUTLINE)
     for number, gap in enumerate(gaps):
         x, y = place(gap.middle)
         draw.ellipse((x - 11, y - 11, x + 11, y + 11), WHITE, TEXT)
