@@ -169,7 +169,7 @@ def is_open(view: Around, sign: float) -> bool:
 
 
 @dataclass(frozen=True)
-class Step:
+class WideStep:
     """A wide step around the object: where it begins and how wide it is [degrees]."""
 
     gap: Gap
@@ -177,7 +177,7 @@ class Step:
     width: float
 
 
-def steps_around(view: Around) -> list[Step]:
+def steps_around(view: Around) -> list[WideStep]:
     """Wide steps between neighbors around the object; the widest if they see one side of it."""
     level = np.abs(elevations(view.directions)) < STEEP
     rows = np.flatnonzero(level if level.mean() > 0.5 else np.ones_like(level))
@@ -201,7 +201,7 @@ def steps_around(view: Around) -> list[Step]:
             f"take {more} more there"
         )
         middle = direction(begin + 0.5 * width, height)
-        found.append(Step(Gap(sentence, middle, (one, other)), begin, width))
+        found.append(WideStep(Gap(sentence, middle, (one, other)), begin, width))
     return found
 
 
