@@ -11,7 +11,9 @@ for its places x, y at depth 1, the mean focal length f, and the second camera's
 shift t from the first.
 
 Only strong pairs are asked.  Places of a wallpaper that look alike are matched as well, and such
-pairs contradict cameras that are right; but they share less than neighbors do.
+pairs contradict cameras that are right; but they share less than neighbors do.  Of few photographs
+a strong pair may have hardly more matches than chance finds: with less than ENOUGH it contradicts
+nothing.
 """
 
 from dataclasses import dataclass
@@ -26,6 +28,7 @@ STRONG = 0.5  # of the matches in the strongest pair of one of the two photograp
 FAR = 4.0  # a match does not fit if it is so far from its epipolar lines [pixels]
 TOLD = 0.01  # of the strong pairs, above which contradictions are told
 LEAST_TOLD = 2  # pairs: a single one is found in captures that are right
+ENOUGH = 30  # matches: pairs with fewer can contradict cameras that are right
 FLIP = np.array([1.0, -1.0, -1.0, 1.0])  # OpenGL's axes to OpenCV's
 
 
@@ -43,8 +46,8 @@ class Agreement:
         return [
             f"{self.contradicting} of the {self.strong} pairs of photographs that share most "
             f"contradict the cameras, so these may be wrong, and the model with them: perhaps two "
-            f"things look alike, or one looks the same from several sides; photograph one thing "
-            f"at a time, on a patterned cloth or a newspaper"
+            f"things look alike, one looks the same from several sides, or something moves, as a "
+            f"shadow; photograph one thing at a time, on a patterned cloth or a newspaper"
         ]
 
 
@@ -72,7 +75,7 @@ def agreement(work: Work, mapped) -> Agreement:
         one, other = matches[a, b].T
         focal = mapped.lenses[[a, b], 0].mean()
         off = distances(mapped.poses[[a, b]], places[a][one], places[b][other], focal)
-        contradicting += int(np.median(off) > FAR)
+        contradicting += int(len(one) >= ENOUGH and np.median(off) > FAR)
     return Agreement(len(strong), contradicting)
 
 

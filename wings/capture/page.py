@@ -1,7 +1,7 @@
 """One page about a capture, as a picture, before minutes are spent on training.
 
-It has what to retake, cameras, points and the object's box from above and from the side, and each
-photograph with its blur and exposure.
+It has what to retake and what to take next, cameras, points and the object's box from above and
+from the front, the sphere of directions, and each photograph with its blur and exposure.
 """
 
 import textwrap
@@ -12,15 +12,15 @@ import numpy as np
 from PIL import Image, ImageDraw
 from PIL.ImageFont import load_default
 
-from ...core.training import nearest_to_axes, sharpness_weights
+from ...core.training import sharpness_weights
+from .directions import Around, Gap, around, gaps
+from .sphere import draw_sphere, letter
 
 WIDTH, MARGIN, PLOT = 1560, 20, 560  # pixels
 THUMBNAIL = (144, 108)  # pixels, at most
 COLUMNS = 10
 LINE = 180  # characters
 STOP = 2.0  # a photograph that is so much brighter or darker than the median stands out
-GAP = 60.0  # degrees around the object without a camera, from which it is told
-AROUND = 180.0  # degrees between all cameras, from which they are taken to go around
 REACH = 1.25  # shown, over the cameras' distance
 MOST_NAMED = 6
 WHITE, BLACK, GRAY, RED, BLUE, GREEN = (
@@ -53,18 +53,28 @@ class Judged:
     Attributes:
         faults: Of each photograph, a word each.
         weights: How much each photograph counts in training, by its sharpness.
-        gaps: Sentences about directions that no photograph shows.
+        view: Where photographs look from; None if no point is what most of them look at.
+        gaps: Directions that no photograph shows.
     """
 
     faults: list[list[str]]
     weights: list[float]
-    gaps: list[str] = field(default_factory=list)
+    view: Around | None = None
+    gaps: list[Gap] = field(default_factory=list)
 
-    def sentences(self, shown) -> list[str]:
-        """What to retake, for the user."""
+    def sentences(self, shown, with_letters=False) -> list[str]:
+        """What to retake, and what to take next, for the user.
+
+        Args:
+            with_letters: Those that the sphere of directions has are told, too.
+        """
         told = []
         for fault, advice in (
-            ("no camera", "take more photographs between these and their neighbors"),
+            (
+                "no camera",
+                "take more photographs between these and their neighbors, and remove those of "
+                "something else",
+            ),
             ("blurred", "hold still, or use more light"),
             ("dark", "fix the exposure, and keep the sun or lamp behind you"),
             ("bright", "fix the exposure, and keep the sun or lamp behind you"),
@@ -77,11 +87,13 @@ class Judged:
             if names:
                 more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
                 told.append(f"{fault}: {', '.join(names[:MOST_NAMED])}{more} ({advice})")
-        return told + self.gaps
+        for number, gap in enumerate(self.gaps):
+            told.append(f"{letter(number)}: {gap.sentence}" if with_letters else gap.sentence)
+        return told
 
 
 def judge(shown: Sequence[Shown]) -> Judged:
-    """Find photographs that stand out, and gaps between cameras that go around the object."""
+    """Find photographs that stand out, and directions that no photograph shows."""
     weights = sharpness_weights([s.sharpness for s in shown]).tolist()
     exposure = np.median([s.exposure for s in shown])
     faults = []
@@ -92,25 +104,14 @@ def judge(shown: Sequence[Shown]) -> Judged:
         words += ["bright"] if photo.exposure > exposure * STOP else []
         faults.append(words)
     posed = [s for s in shown if s.pose is not None]
-    return Judged(faults, weights, gaps_of([s.name for s in posed], [s.pose for s in posed]))
+    view = around([s.name for s in posed], [s.pose for s in posed])
+    return Judged(faults, weights, view, [] if view is None else gaps(view))
 
 
 def gaps_of(names, poses) -> list[str]:
     """Sentences about directions that no photograph shows."""
-    poses = np.array(poses).reshape(-1, 4, 4)
-    center = nearest_to_axes(poses) if len(poses) > 1 else None
-    if center is None:
-        return []
-    across = poses[:, :2, 3] - center[:2]
-    order = np.argsort(angles := np.degrees(np.arctan2(across[:, 1], across[:, 0])))
-    steps = np.diff(angles[order], append=angles[order[0]] + 360.0)
-    if 360.0 - steps.max() < AROUND:
-        return [f"the cameras see {360.0 - steps.max():.0f}° of the object: its back stays unknown"]
-    return [
-        f"no camera in {steps[i]:.0f}° between {names[order[i]]} and "
-        f"{names[order[(i + 1) % len(order)]]}: photograph from there"
-        for i in np.flatnonzero(steps > GAP)
-    ]
+    view = around(names, poses)
+    return [] if view is None else [gap.sentence for gap in gaps(view)]
 
 
 def page_of(
@@ -132,7 +133,7 @@ def page_of(
     """
     judged = judge(shown)
     lines = [line for doubt in doubts for line in textwrap.wrap(doubt, LINE)]
-    lines += judged.sentences(shown)
+    lines += judged.sentences(shown, with_letters=True)
     color = RED if lines else GRAY
     lines = lines or ["Nothing to retake was found."]
     rows = -(-len(shown) // COLUMNS)
@@ -142,11 +143,15 @@ def page_of(
     draw.text((MARGIN, MARGIN), title, BLACK, load_default(20))
     for number, line in enumerate(lines):
         draw.text((MARGIN, MARGIN + 32 + 24 * number), fitted(line, LINE), color, load_default(16))
-    axes = (("from above", 0, 1), ("from the side", 0, 2))
-    width = (WIDTH - 3 * MARGIN) // 2
-    for number, (name, x, y) in enumerate(axes):
-        place = (MARGIN + number * (width + MARGIN), top + 10)
-        page.paste(plot(name, x, y, (width, PLOT), shown, judged, points, colors, corners), place)
+    width = (WIDTH - 4 * MARGIN) // 3
+    panels = [
+        plot(name, y, (width, PLOT), shown, judged, points, colors, corners)
+        for name, y in (("from above", 1), ("from the front", 2))
+    ]
+    if judged.view is not None:
+        panels.append(draw_sphere(judged.view, judged.gaps, (width, PLOT)))
+    for number, panel in enumerate(panels):
+        page.paste(panel, (MARGIN + number * (width + MARGIN), top + 10))
     captions = map(words_about, judged.faults, judged.weights)
     for number, (photo, words) in enumerate(zip(shown, captions, strict=True)):
         column, row = number % COLUMNS, number // COLUMNS
@@ -178,20 +183,21 @@ def draw_photo(page, draw, place, photo: Shown, words: str):
         draw.rectangle((bar[0], bar[1], bar[0] + length, bar[3]), color)
 
 
-def plot(name, x, y, size, shown, judged: Judged, points, colors, corners) -> Image.Image:
-    """Cameras, points and the box along two axes of the world."""
+def plot(name, y, size, shown, judged: Judged, points, colors, corners) -> Image.Image:
+    """Cameras, points and the box along x and axis y of the frame of directions.py."""
     image = Image.new("RGB", size, (246, 246, 246))
     poses = np.array([s.pose for s in shown if s.pose is not None]).reshape(-1, 4, 4)
     if not len(poses):
         return image
-    center = nearest_to_axes(poses)
-    center = poses[:, :3, 3].mean(axis=0) if center is None else center
+    view = judged.view
+    center = poses[:, :3, 3].mean(axis=0) if view is None else view.center
+    axes = (np.eye(3) if view is None else view.turn)[[0, y]]
     reach = REACH * np.linalg.norm(poses[:, :3, 3] - center, axis=1).max() + 1e-9
     scale = 0.5 * min(size) / reach
 
     def pixels(places):
         """[..., 3] -> [..., 2]"""
-        flat = (np.asarray(places, float) - center)[..., [x, y]] * [scale, -scale]
+        flat = (np.asarray(places, float) - center) @ axes.T * [scale, -scale]
         return flat + 0.5 * np.array(size)
 
     seen = np.asarray(image).copy()

@@ -123,6 +123,16 @@ def test_few_contradictions_are_not_told():
         assert len(agreement.Agreement(strong, contradicting).sentences()) == told
 
 
+def test_pairs_with_few_matches_contradict_nothing(found, monkeypatch):
+    kept, right = found
+    poses = right.poses.copy()
+    moved(poses)
+    wrong = replace(right, poses=poses)
+    assert agreement.agreement(kept, wrong).contradicting
+    monkeypatch.setattr(agreement, "ENOUGH", 10_000)
+    assert not agreement.agreement(kept, wrong).contradicting
+
+
 def test_two_things_that_look_alike_are_told(call, trainer, tmp_path):
     """Mostly all photographs get a camera, and it is wrong; or too few of them fit together.
 

@@ -13,7 +13,7 @@ from deformrf.core.training import (
     sharpness_of,
     sharpness_weights,
 )
-from deformrf.wings.capture import page
+from deformrf.wings.capture import page, sphere
 
 
 def shown(poses, sharpness=0.6, exposure=0.5):
@@ -39,12 +39,19 @@ def test_photographs_that_stand_out_are_named_with_what_to_do():
     assert page.words_about(judged.faults[3], judged.weights[3]) == "blurred (10%)"
 
 
-def test_directions_without_a_camera_are_named():
-    whole = shown(circle(24))
-    assert page.judge(whole).gaps == []
-    (gap,) = page.judge(whole[:6] + whole[12:]).gaps
-    assert gap.startswith("no camera in 105° between 005.jpg and 012.jpg"), gap
-    (half,) = page.judge(shown(circle(8, end=2.0))).gaps
+def test_directions_without_a_camera_are_named_and_have_letters():
+    whole = shown([*circle(24), *circle(12, radius=2.0, height=3.0)])
+    judged = page.judge(whole)
+    assert judged.gaps == [] and judged.sentences(whole) == []
+    some = whole[:6] + whole[12:24]
+    judged = page.judge(some)
+    lines = judged.sentences(some)
+    assert "(105° between 005.jpg and 012.jpg): take 6 more there" in lines[0]
+    assert lines[1].endswith("show the top") and len(lines) == 2
+    lettered = judged.sentences(some, with_letters=True)
+    assert lettered == [f"A: {lines[0]}", f"B: {lines[1]}"]
+    assert page.gaps_of([s.name for s in some], [s.pose for s in some]) == lines
+    half = page.judge(shown(circle(8, end=2.0))).gaps[0].sentence
     assert "its back stays unknown" in half
 
 
@@ -60,7 +67,9 @@ def test_the_page_shows_cameras_points_box_and_all_photographs():
     assert counts[page.GREEN] > 500 and counts[page.RED] > 300 and counts[page.BLUE] > 500
     assert (drawn == colors[0]).all(axis=1).sum() > 500
     assert (drawn == 120).all(axis=1).sum() >= 12 * 86 * 116  # a red frame covers the border
-    assert page.page_of("no points", photos[:1], points[:0], colors[:0]).width == page.WIDTH
+    colors = set(map(tuple, drawn))
+    assert {sphere.SEEN, sphere.HARDLY, sphere.MISSED} <= colors
+    assert page.page_of("no points", photos[:1], points[:0], points[:0]).width == page.WIDTH
 
 
 def test_check_writes_a_page_and_trains_nothing(call, trainer, data, tmp_path):

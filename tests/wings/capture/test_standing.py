@@ -1,16 +1,17 @@
 """Cameras that can't stand where mapping put them: of sets that are made up, at any scale."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from captures import circle
+from captures import circle, look
 
 from deformrf.core.training import SparsePoints
 from deformrf.core.training.data.points import SHAPES
 from deformrf.wings.capture import CaptureError
 from deformrf.wings.capture.mapping import Mapped
-from deformrf.wings.capture.standing import LEAST_PLACES, POINTS, astray, checked, place_count
+from deformrf.wings.capture.standing import LEAST_PLACES, POINTS, astray, checked, place_count, span
 
 SCALES = 1e-3, 1.0, 1e4
 
@@ -103,3 +104,25 @@ def test_places_are_counted_once():
     many = np.repeat(places, 5, axis=0) + rng.uniform(-0.1, 0.1, (60, 3))
     assert place_count(rng.permutation(many), 0.4) == 12
     assert place_count(many, 0.0) == 60 and place_count(many, 100.0) == 1
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_cameras_that_see_a_few_degrees_of_the_object_are_refused(scale):
+    few = np.array([look((3 * np.sin(a), -3 * np.cos(a), 1.0)) for a in np.linspace(0, 0.14, 40)])
+    for poses, stands in ((few.copy(), False), (circle(40), True)):
+        poses[:, :3, 3] *= scale
+        found = replace(mapped(around(40), 60), poses=poses, nearest=np.full(40, 3.0 * scale))
+        if stands:
+            assert len(check(found).numbers) == 40
+        else:
+            refused(found, r"40 of 40 .* see 7° of the object, and 10° are needed: take 40")
+    astray_too = np.concatenate([few, circle(2)[1:]])
+    assert span(astray_too, 1.0) < 15.0, "a single camera elsewhere tells nothing"
+
+
+def test_the_span_has_a_closed_form():
+    turned = np.linspace(-0.5, 0.5, 101)
+    poses = np.array([look((3 * np.sin(a), -3 * np.cos(a), 0.0), (0, 0, 0)) for a in turned])
+    assert span(poses, 1.0) == pytest.approx(0.9 * np.degrees(1.0), rel=1e-3)
+    level = mapped(np.column_stack([np.linspace(-1, 1, 101), np.zeros((101, 2))]), 60).poses
+    assert span(level, 4.0) == pytest.approx(2 * np.degrees(np.arctan(0.9 / 4.0)), rel=1e-3)
