@@ -37,7 +37,11 @@ from .data.layouts import list_images as list_images
 from .data.datasets import read_image as read_image, shrunk_size as shrunk_size, size_of as size_of
 
 # For wings/capture.
-from .data.photo_files import photo_files as photo_files, photo_folder as photo_folder
+from .data.photo_files import (
+    about_raw_files as about_raw_files,
+    photo_files as photo_files,
+    photo_folder as photo_folder,
+)
 from .data.points import (
     SparsePoints as SparsePoints,
     load_points as load_points,
