@@ -132,17 +132,19 @@ def frame_of(av, config: bytes, tile: bytes, wide: int, high: int):
 
 
 def rgb_plane(frame, colors, convert):
-    """Red, green and blue of a frame, as FFmpeg's plane; HEIF's word counts before HEVC's own.
+    """Red, green and blue of a frame, as FFmpeg's plane.
 
-    Colors are those of the file's space, as in a JPEG; where nothing is said, BT.601.
+    HEIF's word counts before HEVC's own; the range is the full one if either says so.  Colors stay
+    in the file's space, as those of a JPEG do; where nothing is said, the matrix is BT.601's.
     """
     from av.video.reformatter import Interpolation as How
 
-    transfer, matrix, is_full = colors or (frame.color_trc, frame.colorspace, None)
+    transfer, matrix, is_full = colors or (frame.color_trc, frame.colorspace, False)
     if transfer in (PQ, HLG):
         sys.exit(HDR)
     matrix = frame.colorspace if matrix == UNSPECIFIED else matrix
-    is_full = frame.color_range == FULL if is_full is None else is_full
+    # HEVC that leaves it out means the other one; HEIC of a Sony ILCE-7M4 denies it in HEIF alone.
+    is_full = is_full or frame.color_range == FULL
     plain = convert.reformat(
         frame,
         format="rgb24",

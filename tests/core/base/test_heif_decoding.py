@@ -57,14 +57,21 @@ def test_tiles_lie_row_by_row(tmp_path):
     assert np.abs(found[32::64, 32::64].reshape(6, 3).astype(int) - colors).max() < 8
 
 
+@pytest.mark.parametrize("side", [None, 64])
+@pytest.mark.parametrize("depth", [8, 10])
 @pytest.mark.parametrize("span", ["full", "limited"])
-def test_the_range_is_that_of_the_file(tmp_path, span):
-    """HEIF's box counts; without one HEVC's own word does."""
-    pixels = np.full((64, 64, 3), 128, np.uint8)
-    pixels[:, :32] = 60
-    assert difference(decoded(written(tmp_path, pixels, span=span)), pixels) < TRUE
-    stretched = pixels if span == "full" else (pixels - 16.0) * 255 / 219
-    assert difference(decoded(written(tmp_path, pixels, colors=None, span=span)), stretched) < TRUE
+def test_the_range_is_that_of_the_file(tmp_path, span, depth, side):
+    """The full one if HEIF's box or HEVC itself says so."""
+    pixels = np.full((64, 128, 3), 128, np.uint8)
+    pixels[:, :64] = 60
+    stretched = (pixels - 16.0) * 255 / 219
+    for colors, expected in (
+        ((1, 13, 6, 0x80), pixels),
+        ((1, 13, 6, 0), pixels if span == "full" else stretched),
+        (None, pixels if span == "full" else stretched),
+    ):
+        found = decoded(written(tmp_path, pixels, side, colors=colors, depth=depth, span=span))
+        assert difference(found, expected) < TRUE
 
 
 @pytest.mark.parametrize("transfer", [16, 18])
