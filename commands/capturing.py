@@ -79,6 +79,10 @@ def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: 
             flush=True,
         )
 
+    photos_at = training.photo_folder(data)
+    if photos_at and (said := training.about_raw_files(photos_at)):
+        print(f"{printable(said)}.", flush=True)
+
     def on_work(folder, again):
         nonlocal place
         place = folder

@@ -2,7 +2,9 @@
 
 Pillow knows some forty formats and recognizes them by a file's content, whatever its name.  For
 PostScript it starts another program, and a small file can declare billions of pixels.  So this
-module allows a list of formats, and checks the declared size before it decodes anything.
+module allows a list of formats, and checks the declared size before it decodes anything.  HEIC,
+which telephones write, is none of Pillow's: core/base/heif.py reads it, in a process of its own
+core/base/heif_decoding.py decodes it.
 """
 
 import io
@@ -15,10 +17,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, TiffImagePlugin, TiffTags
 
+from .heif import HeifError, is_heif, read_heif
+from .heif_decoding import decode, is_possible
 from .reading import check_file
 
 FORMATS = ("PNG", "JPEG", "WEBP", "TIFF", "BMP")
-HEIF_ENDINGS = (".heic", ".heif")
+# Cameras' own formats; many are TIFFs whose first image is a preview.
+RAW_ENDINGS = tuple(
+    ".dng .cr2 .cr3 .crw .nef .nrw .arw .sr2 .srf .raf .orf .rw2 .rwl .pef .srw .x3f .3fr .fff "
+    ".iiq .mos .erf .mef .mrw .dcr .kdc .gpr".split()
+)
 MOST_PIXELS = 100 * 2**20  # 400 MiB when decoded; the largest common cameras have 102 million
 LARGE = 25 * 2**20  # pixels, 100 MiB: a damaged file is refused before it takes as much
 AT_A_TIME = 2**20  # pixels of a TIFF's strips or tiles
@@ -38,6 +46,11 @@ TURNS = {  # by orientation
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+HEIF_TURNS = {  # by quarters of a counterclockwise turn, by axis
+    "rotate": (None, Image.Transpose.ROTATE_90, Image.Transpose.ROTATE_180,
+               Image.Transpose.ROTATE_270),
+    "mirror": (Image.Transpose.FLIP_TOP_BOTTOM, Image.Transpose.FLIP_LEFT_RIGHT),
+}  # fmt: skip
 BACK = {6: 8, 8: 6}  # orientations that undo a quarter turn; the others undo themselves
 
 # Pillow warns of what open_image refuses in a sentence, and of harmless faults in metadata.
@@ -49,18 +62,55 @@ class ImageError(ValueError):
     """The image can't be read; the message is one sentence for the user."""
 
 
+class HeifImage:
+    """A HEIF file as far as it is an image of Pillow's here; it is not decoded yet.
+
+    Attributes:
+        size: Upright: such a file says itself how it is turned, and EXIF's orientation, which says
+            the same, doesn't count.
+    """
+
+    format, mode = "HEIF", "RGB"
+
+    def __init__(self, path):
+        self.filename = str(path)
+        self._file = read_heif(path, MOST_PIXELS)
+        self.size = self.width, self.height = self._file.size
+
+    def draft(self, mode, size) -> None:
+        """Nothing: it has no smaller version of itself."""
+
+    def exif(self):
+        exif = Image.Exif()
+        exif.load(self._file.exif)
+        return exif
+
+    def decode(self):
+        """The image in Pillow's mode RGB; raises what heif_decoding.decode does."""
+        image = Image.frombytes("RGB", self._file.stored, decode(self.filename, self._file))
+        for what, *how in self._file.turns:
+            if what == "crop":
+                image = image.crop(how)
+            elif (turn := HEIF_TURNS[what][how[0]]) is not None:  # one of Pillow's is 0
+                image = image.transpose(turn)
+        return image
+
+
 @contextmanager
 def open_image(path):
-    """Yield a file as Pillow's image, not decoded yet.
+    """Yield a file as Pillow's image, or a HeifImage, not decoded yet.
 
     Raises:
         ImageError: It is missing, too large, damaged (the block may find that), or in a format
             that is not among FORMATS.
     """
-    formats = formats_of(path)
+    check_is_read(path)
     try:
         check_file(path)
-        with Image.open(path, formats=formats) as image:
+        if is_heif(path):
+            yield _heif(path)
+            return
+        with Image.open(path, formats=FORMATS) as image:
             width, height = image.size
             if width * height > MOST_PIXELS:
                 raise ImageError(
@@ -70,37 +120,46 @@ def open_image(path):
             yield image
     except ImageError:
         raise
+    except HeifError as error:
+        raise ImageError(f"{path} can't be read as HEIC ({error}): {error.advice}") from None
     except Exception as error:  # of damaged files Pillow raises errors of a dozen kinds
         if getattr(error, "strerror", None):  # of the operating system
             raise ImageError(f"{path} can't be read: {error.strerror}") from None
         raise ImageError(
-            f"{path} can't be read as an image: it has to be a whole {', '.join(FORMATS)} file"
+            f"{path} can't be read as an image: it has to be a whole {', '.join(FORMATS)} or "
+            f"HEIC file"
         ) from None
 
 
-def formats_of(path) -> tuple[str, ...]:
-    """The formats that a file may have: HEIC under that name alone, since a plugin reads it.
-
-    Raises:
-        ImageError: It is called HEIC, and the plugin is not installed.
-    """
-    if Path(str(path)).suffix.lower() not in HEIF_ENDINGS:
-        return FORMATS
-    try:
-        import pillow_heif
-    except ImportError:
+def check_is_read(path) -> None:
+    """ImageError for a camera's raw file, of which Pillow would read a small preview, as a TIFF."""
+    if Path(str(path)).suffix.lower() in RAW_ENDINGS:
         raise ImageError(
-            f"{path} is a HEIC image, for which Pillow needs a plugin: pip install pillow-heif, or "
-            f"store it as JPEG"
-        ) from None
-    pillow_heif.register_heif_opener()
-    return (*FORMATS, "HEIF")
+            f"{path} is a camera's raw file, which is not read: export it as JPEG or TIFF"
+        )
+
+
+def _heif(path) -> HeifImage:
+    if not is_possible():
+        raise ImageError(
+            f"{path} is a HEIC image, which is decoded by PyAV, and PyAV is not installed: pip "
+            f"install av, or convert it to JPEG; an iPhone writes JPEG with Settings > Camera > "
+            f"Formats > Most Compatible"
+        )
+    return HeifImage(path)
+
+
+def exif_of(image):
+    """The EXIF data, as Pillow's, of an image that isn't decoded yet."""
+    # PNG's own getexif decodes the whole image to find a tag behind the pixels.
+    return image.exif() if image.format == "HEIF" else Image.Image.getexif(image)
 
 
 def orientation(image) -> int:
     """EXIF's number of how the camera was held, 1 to 8; of an image that isn't decoded yet."""
-    # PNG's own getexif decodes the whole image to find a tag behind the pixels.
-    tags = image.tag_v2 if image.format == "TIFF" else Image.Image.getexif(image)
+    if image.format == "HEIF":
+        return 1
+    tags = image.tag_v2 if image.format == "TIFF" else exif_of(image)
     value = tags.get(ORIENTATION, 1)
     return value if isinstance(value, int) and 1 <= value <= 8 else 1
 
@@ -190,6 +249,8 @@ def rgba(image, upright=False):
     """
     is_turned = image.format == "TIFF"  # by Pillow itself
     number = orientation(image) if upright or is_turned else 1
+    if image.format == "HEIF":
+        return image.decode().convert("RGBA")
     if image.width * image.height > LARGE:
         _check_whole(image)
     if image.mode.startswith("I;16") or (image.mode == "I" and image.format == "PNG"):

@@ -38,7 +38,11 @@ from .data.datasets import read_image as read_image, shrunk_size as shrunk_size,
 
 # For wings/capture.
 from .data.masks import UNTOLD as UNTOLD, mask_paths as mask_paths, read_mask as read_mask
-from .data.photo_files import photo_files as photo_files, photo_folder as photo_folder
+from .data.photo_files import (
+    about_raw_files as about_raw_files,
+    photo_files as photo_files,
+    photo_folder as photo_folder,
+)
 from .data.points import (
     SparsePoints as SparsePoints,
     load_points as load_points,

@@ -35,6 +35,8 @@ KINDS = {  # name: (module of fuzzing, class)
     "blender": ("rig_files", "Blender"),
     "checkpoints": ("checkpoints", "Checkpoints"),
     "videos": ("videos", "Videos"),
+    "heic": ("heic", "Heic"),
+    "heic_headers": ("heic", "HeicHeaders"),
     "preferences": ("user_files", "Preferences"),
     "camera_paths": ("user_files", "CameraPaths"),
     "works": ("user_files", "Works"),

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ...core.base.children import NOT_HERE, PACKAGE
 from ...core.base.paths import free_name, working_folder
-from ...core.training import photo_folder
+from ...core.training import about_raw_files, photo_folder
 from ...wings import capture
 from ..files import readable
 from ..jobs import ProcessJob
@@ -31,12 +31,14 @@ class TrainOffer:
         count: Of the photographs; None of a video.
         output: The model to be written.
         device: "cpu" or "cuda".
+        said: A sentence about files that are not read; empty without any.
     """
 
     data: Path
     count: int | None
     output: Path
     device: str
+    said: str = ""
 
     title = "Train a model of these photographs?"
 
@@ -62,6 +64,7 @@ class TrainOffer:
         where = "a GPU" if self.device == "cuda" else "this CPU"
         return [
             f"{count}: {readable(self.data)}",
+            *([readable(self.said)] if self.said else []),
             f"Their cameras are found and a model is trained, in about {self.minutes} minutes on "
             f"{where}. It is opened here when it is done. This command does the same:",
             readable(self.command),
@@ -72,12 +75,13 @@ def offer_of(data: Path, device: str) -> TrainOffer:
     """The offer to train a video or a folder of photographs, on a Warp device.
 
     Raises:
-        DatasetError: Several folders in it hold photographs.
+        DatasetError: Several folders in it hold photographs, or there are none but raw files.
     """
     folder = None if capture.is_video(data) else photo_folder(data)
     count = None if folder is None else len(capture.find_photos(folder)[0])
     output = free_name(working_folder() / data.resolve().stem, ".npz")
-    return TrainOffer(data, count, output, "cpu" if device == "cpu" else "cuda")
+    said = "" if folder is None else about_raw_files(folder)
+    return TrainOffer(data, count, output, "cpu" if device == "cpu" else "cuda", said)
 
 
 class TrainJob(ProcessJob):

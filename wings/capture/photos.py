@@ -11,7 +11,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ...core.base.images import ImageError, open_image, orientation, rgba, stored_size
+from ...core.base.images import (
+    ImageError,
+    exif_of,
+    open_image,
+    orientation,
+    rgba,
+    stored_size,
+)
 from ...core.training import photo_files, shrunk_size
 
 IMAGE_SIZE = 1600  # longer side that photographs are worked at [pixels]
@@ -74,7 +81,7 @@ def photo_of(path: Path) -> Photo:
 def camera_by_exif(image):
     """Make, model, focal length [mm], the same for 35 mm film; each None where nothing says."""
     try:
-        exif = Image.Image.getexif(image)  # PNG's own decodes the whole image
+        exif = exif_of(image)
         inner = exif.get_ifd(EXIF_FOLDER)
     except Exception:  # damaged metadata end in errors of many kinds, and decide nothing
         return None, None, None, None

@@ -32,7 +32,7 @@ DEEPEST = 16  # folders of a tail
 LONGEST_NAME = 80  # characters of a name in a message
 SPLITS = {"train", "training", "val", "valid", "validation", "test", "testing", "eval"}
 KINDS = ("mask", "depth", "normal", "segm", "semantic", "confidence", "thumb")
-FAMILIES = {".jpeg": ".jpg", ".tiff": ".tif", ".heif": ".heic"}
+FAMILIES = {".jpeg": ".jpg", ".tiff": ".tif", ".heif": ".heic", ".hif": ".heic"}
 DRIVE = re.compile(r"[A-Za-z]:$")
 
 

@@ -8,6 +8,7 @@ import zlib
 
 import numpy as np
 import pytest
+from heif_files import MIRROR, ROTATE, heic
 from PIL import EpsImagePlugin, Image, TiffImagePlugin
 
 from deformrf.core.base import images
@@ -238,3 +239,95 @@ def test_a_large_tiff_is_decoded_part_by_part_first(tmp_path, monkeypatch, kind)
     with pytest.raises(ImageError, match="can't be read as an image"):
         read(path)
     assert loaded == parts
+
+
+def smooth(width, height):
+    noise = np.random.default_rng().integers(40, 216, (5, 7, 3), np.uint8)
+    return np.asarray(Image.fromarray(noise).resize((width, height), Image.Resampling.BILINEAR))
+
+
+def exif_with(number):
+    exif = Image.Exif()
+    exif[images.ORIENTATION] = number
+    exif[0x0110] = "Phone 3"
+    return exif.tobytes()[6:]  # behind "Exif"
+
+
+# EXIF's orientation, and what a HEIF file has instead.
+SAME_TURNS = {
+    1: (),
+    2: ((MIRROR, b"\1"),),
+    3: ((ROTATE, b"\2"),),
+    4: ((MIRROR, b"\0"),),
+    5: ((ROTATE, b"\1"), (MIRROR, b"\0")),
+    6: ((ROTATE, b"\3"),),
+    7: ((ROTATE, b"\3"), (MIRROR, b"\0")),
+    8: ((ROTATE, b"\1"),),
+}
+
+
+@pytest.mark.parametrize("number", SAME_TURNS)
+def test_heic_is_turned_once(tmp_path, number):
+    """By its own boxes, as EXIF turns a PNG; the EXIF orientation, which it has too, is not."""
+    pixels = smooth(70, 50)
+    path = tmp_path / "a.heic"
+    path.write_bytes(heic(pixels, 64, SAME_TURNS[number], exif=exif_with(number)))
+    exif = Image.Exif()
+    exif[images.ORIENTATION] = number
+    Image.fromarray(pixels).save(tmp_path / "a.png", exif=exif)
+    expected = read(tmp_path / "a.png", upright=True)
+    for upright in (True, False):
+        found = read(path, upright)
+        assert found.shape == expected.shape and (found[..., 3] == 255).all()
+        assert np.abs(found.astype(int) - expected).mean() < 3.0
+    with open_image(path) as image:
+        assert image.size == images.stored_size(image) == expected.shape[1::-1]
+        assert images.orientation(image) == 1 and images.exif_of(image)[0x0110] == "Phone 3"
+
+
+def test_content_decides_between_heic_and_others(tmp_path):
+    """Telephones and messengers change names."""
+    pixels = smooth(64, 48)
+    (tmp_path / "a.jpg").write_bytes(heic(pixels))
+    Image.fromarray(pixels).save(tmp_path / "b.jpg", quality=95)
+    (tmp_path / "b.jpg").rename(tmp_path / "b.heic")
+    for name in ("a.jpg", "b.heic"):
+        assert np.abs(read(tmp_path / name)[..., :3].astype(int) - pixels).mean() < 4.0
+
+
+def test_heic_without_pyav_is_one_sentence(tmp_path, monkeypatch):
+    path = tmp_path / "a.heic"
+    path.write_bytes(heic(smooth(64, 48)))
+    monkeypatch.setattr(images, "is_possible", lambda: False)
+    with pytest.raises(ImageError, match=r"pip install av, or .* Camera > Formats > Most Compat"):
+        read(path)
+
+
+def test_damaged_heic_ends_in_one_sentence(tmp_path):
+    """Bytes of its boxes changed, cut or repeated; a few reach the decoder."""
+    rng = np.random.default_rng()
+    whole = heic(smooth(70, 50), 64, SAME_TURNS[5], exif=exif_with(6))
+    boxes = whole.index(b"mdat") + 100
+    path, refused = tmp_path / "a.heic", 0
+    for _ in range(150):
+        data = bytearray(whole)
+        for place in rng.integers(16, boxes, rng.integers(1, 6)):
+            data[place] = rng.choice([0, 1, 127, 255, rng.integers(256)])
+        path.write_bytes(data[: rng.integers(1, len(data) + 1)] if rng.random() < 0.3 else data)
+        try:
+            with open_image(path) as image:
+                images.exif_of(image)
+                if rng.random() < 0.2:
+                    rgba(image, upright=True)
+        except ImageError as error:
+            refused += 1
+            assert str(path) in str(error) and str(error).isprintable()
+    assert refused > 30
+
+
+@pytest.mark.parametrize("name", ["a.DNG", "a.cr2", "a.CR3", "a.nef", "a.arw", "a.raf", "a.orf"])
+def test_raw_files_are_refused_by_name(tmp_path, name):
+    """Many are TIFFs whose first image is a small preview."""
+    Image.new("RGB", (16, 12)).save(tmp_path / name, "TIFF")
+    with pytest.raises(ImageError, match=rf"{name} is a camera's raw file, .* as JPEG or TIFF"):
+        read(tmp_path / name)

@@ -76,6 +76,13 @@ def test_an_offer_says_what_would_happen(photos, tmp_path):
     assert offer_of(photos, "cpu").output.name == "my toy-2.npz"
 
 
+def test_an_offer_names_raw_files_that_are_left_out(photos):
+    (photos / "later.dng").touch()
+    assert any(
+        "1 raw file" in line and "later.dng" in line for line in offer_of(photos, "cpu").lines()
+    )
+
+
 def test_the_command_that_is_offered_is_one(photos):
     from deformrf.commands.options import parsed
     from deformrf.commands.training import TrainArguments
