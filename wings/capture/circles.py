@@ -28,7 +28,7 @@ FITTED = 4  # photographs of a ring at least, whose axis can be told
 
 
 @dataclass(frozen=True)
-class Seen:
+class Observed:
     """Features that show points.
 
     Attributes:
@@ -156,7 +156,7 @@ def axis_of(turns, shifts):
     return A, np.array([-center[0], -center[1], 0.0])
 
 
-def pixels_of(rings: Rings, seen: Seen):
+def pixels_of(rings: Rings, seen: Observed):
     """Where the points are seen.  [m, 2]"""
     turns, shifts = rings.cameras()
     x = np.einsum("nij,nj->ni", turns[seen.cameras], rings.points[seen.points])
@@ -166,13 +166,13 @@ def pixels_of(rings: Rings, seen: Seen):
     return (rings.focal[lens] * radial)[:, None] * q + seen.centers[lens]
 
 
-def cost(rings: Rings, seen: Seen) -> float:
+def cost(rings: Rings, seen: Observed) -> float:
     off = pixels_of(rings, seen) - seen.pixels
     value = np.log1p((off**2).sum(axis=1)).sum()
     return float(value) if np.isfinite(value) else np.inf
 
 
-def blocks(rings: Rings, seen: Seen):
+def blocks(rings: Rings, seen: Observed):
     """Derivatives of the pixels: of what, the first of its unknowns for each feature, the matrix.
 
     The last ones are the points'.
@@ -208,7 +208,7 @@ def blocks(rings: Rings, seen: Seen):
     yield first + n + 2 * d + 3 * seen.points, by_y @ A
 
 
-def step(rings: Rings, seen: Seen, damping: float) -> Rings:
+def step(rings: Rings, seen: Observed, damping: float) -> Rings:
     """One step of Levenberg-Marquardt: points eliminated, the rest solved densely."""
     from scipy.sparse import csr_array
 
@@ -274,7 +274,7 @@ def changed(rings: Rings, unknown, moved) -> Rings:
     )
 
 
-def adjust(rings: Rings, seen: Seen, advance=lambda count: None) -> Rings:
+def adjust(rings: Rings, seen: Observed, advance=lambda count: None) -> Rings:
     """Levenberg-Marquardt until a step gains hardly anything."""
     now, damping = cost(rings, seen), 1e-3
     for number in range(STEPS):
@@ -339,7 +339,7 @@ def seen_in(found, images):
         cameras += [row] * len(shown)
         points += [rows[p.point3D_id] for p in shown]
         pixels += [p.xy for p in shown]
-    return Seen(
+    return Observed(
         np.array(cameras),
         np.array(points),
         np.array(pixels).reshape(-1, 2),

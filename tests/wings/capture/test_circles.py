@@ -31,7 +31,7 @@ def scene():
         ring, left, shift, axis, b, angle, np.array([400.0]), np.array([-0.05]), points
     )
     camera, point = (a.ravel() for a in np.indices((19, 80)))
-    seen = circles.Seen(
+    seen = circles.Observed(
         camera, point, np.zeros((len(camera), 2)), np.zeros(19, int), np.array([[240.0, 180.0]])
     )
     return rings, replace(seen, pixels=circles.pixels_of(rings, seen))

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 from posed_data import PHONE, put, transforms
 
-from deformrf.core.training import DatasetError, load_dataset
-from deformrf.core.training.data.masks import mask_path, mask_paths, read_mask
+from deformrf.core.training import UNTOLD, DatasetError, load_dataset, mask_paths, read_mask
+from deformrf.core.training.data.masks import mask_path
 
 
 @pytest.fixture
@@ -277,3 +277,15 @@ def test_two_photographs_of_one_name_need_folders_of_masks(tmp_path):
         put(tmp_path / f"masks/{place}/1.png")
     found = mask_paths(tmp_path / "masks", posed)
     assert [path.parent.name for path in found] == ["a", "b"]
+
+
+def test_pixels_of_which_nothing_tells_stay_such_when_shrunk(tmp_path):
+    """Where masks are shrunk, what is untold in part is untold: no mean of it says anything."""
+    mask = half_mask()
+    mask[2:5, 3:6] = UNTOLD
+    Image.fromarray(mask).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 16, 12), mask)
+    small = read_mask(tmp_path / "m.png", 8, 6)
+    expected = (mask == UNTOLD).reshape(6, 2, 8, 2).any(axis=(1, 3))
+    np.testing.assert_array_equal(small == UNTOLD, expected)
+    assert (small[~expected] == half_mask()[::2, ::2][~expected]).all()

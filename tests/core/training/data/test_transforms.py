@@ -343,3 +343,18 @@ def test_transposed_matrices_are_refused(tmp_path, scene):
     )
     with pytest.raises(DatasetError, match=sentence):
         load_dataset(tmp_path, "train")
+
+
+def test_the_objects_box_is_read(tmp_path):
+    write(tmp_path, object_box=[[-1, -2, 0.5], [1.5, 2, 3]])
+    found = load_dataset(tmp_path, "train").bounds
+    np.testing.assert_array_equal(found, [[-1, -2, 0.5], [1.5, 2, 3]])
+
+
+@pytest.mark.parametrize(
+    "box", [None, 5, [[1, 2, 3]], [[1, 2, "a"], [3, 4, 5]], [[0] * 3, [1e999] * 3]]
+)
+def test_a_box_that_is_none_is_refused(tmp_path, box):
+    write(tmp_path, object_box=box)
+    with pytest.raises(DatasetError, match="object_box that is not two corners"):
+        load_dataset(tmp_path, "train")

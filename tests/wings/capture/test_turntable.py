@@ -1,0 +1,111 @@
+"""A box that turns on a table before a camera that stands still, from photographs to masks."""
+
+import json
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from captures import circle, similarity_errors, write_capture, write_turntable
+from PIL import Image
+
+from deformrf.core.training import UNTOLD, load_dataset
+from deformrf.wings.capture import features, find_cameras, still, summary, turntable, work
+from deformrf.wings.capture.photos import find_photos
+
+pytest.importorskip("pycolmap")
+ANGLES, HEIGHTS = np.linspace(0.0, 2.0 * np.pi, 30, endpoint=False), (1.2, 1.9)
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory):
+    """The folder of photographs, the cameras as the box sees them, where the box is."""
+    folder = tmp_path_factory.mktemp("turned") / "photos"
+    return folder, *write_turntable(folder, ANGLES, HEIGHTS, np.random.default_rng(5))
+
+
+@pytest.fixture(scope="module")
+def found(turned, tmp_path_factory):
+    return find_cameras(turned[0], tmp_path_factory.mktemp("work") / "m.capture")
+
+
+def extracted(folder, place):
+    """The work on a folder of photographs, with their features."""
+    photos, _ = find_photos(folder)
+    begun, _ = work.open_work(place / "m.capture", photos, 1600)
+    features.find_features(begun, lambda *arguments: nullcontext(lambda done: None))
+    return begun
+
+
+def test_cameras_walk_around_the_object(turned, found):
+    poses = turned[1]
+    assert len(found.mapped.numbers) == len(poses)
+    assert found.rings == (tuple(range(30)), tuple(range(30, 60)))
+    assert found.mapped.is_on_circles
+    centers, rotations = similarity_errors(found.mapped.poses, poses[found.mapped.numbers])
+    assert np.median(centers) < 0.01
+    assert np.median(rotations) < 0.6
+
+
+def test_masks_are_where_the_object_is(turned, found):
+    scores = []
+    for number, mask in found.found.masks.items():
+        told, true = mask != UNTOLD, turned[2][number]
+        inside = mask > 127
+        scores.append((inside & true & told).sum() / ((inside | true) & told).sum())
+    assert np.mean(scores) > 0.9
+
+
+def test_training_uses_masks_and_box(turned, found):
+    folder = turned[0]
+    scene = json.loads((folder / "transforms.json").read_text())
+    assert scene["frames"][3]["mask_path"] == "masks/003.jpg.png"
+    np.testing.assert_allclose(scene["object_box"], found.found.box)
+    dataset = load_dataset(folder, "train")
+    assert dataset.masked
+    assert dataset.bounds is not None
+    with Image.open(folder / "masks" / "003.jpg.png") as mask:
+        row = dataset.names.index("003")
+        np.testing.assert_array_equal(dataset.image(row)[..., 3], np.asarray(mask))
+
+
+def test_what_was_done_is_told(found):
+    told = summary(found)
+    assert "The camera stood still: 60 photographs of a turntable in 2 rings." in told
+    assert str(found.masks_at) in told
+
+
+def test_a_hand_does_not_stand_still(tmp_path):
+    folder = tmp_path / "photos"
+    write_capture(folder, circle(12), np.random.default_rng(7))
+    assert still.find_rings(extracted(folder, tmp_path)) == []
+
+
+def test_the_same_photograph_again_and_again_turns_nothing(tmp_path):
+    """A camera that stands still before something that stands still has no turntable."""
+    folder = tmp_path / "photos"
+    write_capture(folder, np.repeat(circle(2), 8, axis=0), np.random.default_rng(7))
+    begun = extracted(folder, tmp_path)
+    assert len(still.find_rings(begun)) == 2
+    assert turntable.find_turning(begun, lambda *a: nullcontext(lambda done: None)) == []
+
+
+@pytest.mark.soak
+def test_masks_of_the_user_are_followed(turned, tmp_path):
+    """Features, cameras and box are those of what the masks show; no masks are written."""
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (tmp_path / "masks").mkdir()
+    for number in range(60):
+        name = f"{number:03d}"
+        (folder / f"{name}.jpg").write_bytes((turned[0] / f"{name}.jpg").read_bytes())
+        Image.fromarray(255 * turned[2][number].astype(np.uint8)).save(
+            tmp_path / "masks" / f"{name}.png"
+        )
+    capture = find_cameras(folder, tmp_path / "m.capture", masks=tmp_path / "masks")
+    rows = capture.mapped.numbers
+    assert len(rows) >= 56
+    centers, _ = similarity_errors(capture.mapped.poses, turned[1][rows])
+    assert np.median(centers) < 0.02
+    assert capture.masks_at is None
+    assert not (folder / "masks").exists()
+    assert capture.found.box.shape == (2, 3)
