@@ -5,7 +5,7 @@ from dataclasses import dataclass
 DELETING = "delete", "delete box", "delete lasso"
 OF_BONES = "joints", "bones"
 ORBIT_KEYS = "alt", "ctrl", "shift"
-TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING, *OF_BONES
+TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING, "isolate", *OF_BONES
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SHOWN = (  # in films too

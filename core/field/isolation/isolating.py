@@ -21,11 +21,13 @@ from ..reduction import nearer_to_matter, reduced
 from .cutting import cut
 from .flats import Flat, flats_of
 from .subtet_graph import SubtetGraph, graph_of
-from .surroundings import BORDER, NONE, goes_on, layer_on, on_flat, share_an_edge, shell_of
+from .surroundings import BORDER, NONE, goes_on, in_hull, layer_on, on_flat, share_an_edge, shell_of
 
 SEED = 1.5  # around a stroke's points, that is held [edges]
 MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
 BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that counts
+# Of the next layer's matter, that the outermost one has of what goes on; a solid cap has a third.
+GOES_ON = 0.4
 # What a sub-tet of opacity 1 pulls, over what it costs to part two through a mean face: by default
 # to "this"; where it lies on surroundings in a layer, or is nearer to "not this", to that.
 BY_DEFAULT, LAYER, NEAR = 0.02, 0.2, 0.1
@@ -50,6 +52,7 @@ class Isolation:
     matter: SubtetGraph
     box: np.ndarray  # [2, 3], see `box_of`
     flats: list[Flat]
+    over: list[np.ndarray]  # F x [N] bool: what lies over or under the hull of each
     reasons: np.ndarray  # [F] int, why they go on: see surroundings.py
     border: np.ndarray  # [N] bool: solid, and at the border of the box: it goes on outside
     opacity: np.ndarray  # [N] of a sub-tet, 0..1
@@ -90,10 +93,31 @@ def box_of(field: TetField) -> np.ndarray:
     return np.where(at_side, ends, [[-np.inf], [np.inf]])
 
 
-def at_border(matter: SubtetGraph, box: np.ndarray) -> np.ndarray:
-    """Which sub-tets lie in the outermost layer of a box [2, 3].  [N] bool"""
-    reach = BORDER_LAYER * matter.edge
-    return ((matter.middles < box[0] + reach) | (matter.middles > box[1] - reach)).any(axis=1)
+def at_border(matter: SubtetGraph, opacity: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Which sub-tets are at the border of a box [2, 3], of things that go on outside.  [N] bool
+
+    Of such a thing there is about as much in the outermost layer as in the next one; what only
+    touches the border, as the top of a head, has less there.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    depth = np.minimum(matter.middles - box[0], box[1] - matter.middles).min(axis=1)
+    layer = BORDER_LAYER * matter.edge
+    band = np.flatnonzero((depth < 2.0 * layer) & (opacity > SOLID))
+    if not len(band):
+        return np.zeros(len(depth), bool)
+    numbers = np.full(len(depth), -1)
+    numbers[band] = np.arange(len(band))
+    pairs = numbers[matter.pairs]
+    a, b = pairs[(pairs >= 0).all(axis=1)].T
+    graph = csr_array((np.ones(len(a), np.int8), (a, b)), shape=(len(band),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    weights, is_outer = (opacity * matter.volumes)[band], depth[band] < layer
+    outer, inner = (np.bincount(labels, weights * some) for some in (is_outer, ~is_outer))
+    border = np.zeros(len(depth), bool)
+    border[band] = is_outer & (outer >= GOES_ON * inner)[labels]
+    return border
 
 
 def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
@@ -110,8 +134,9 @@ def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
         matter,
         box,
         flats,
+        [in_hull(flat, matter.middles) for flat in flats],
         goes_on(flats, box),
-        at_border(matter, box) & (opacity > SOLID),
+        at_border(matter, opacity, box),
         opacity,
         matter.areas * solid * (UNLIKE + likeness),
         lengths * (1.0 + FARTHER * (1.0 - likeness)) / np.maximum(solid, SOLID),
@@ -155,8 +180,9 @@ def without_surroundings(scene: Isolation, strokes, told, left_out) -> np.ndarra
     place = np.concatenate([s.points for s in strokes if s.this]).mean(axis=0)
     layers = np.zeros(len(held), bool)
     for number in left_out:
-        held[shell_of(scene.flats[number], matter) & (told <= 0)] = -1
-        layers |= layer_on(scene.flats[number], matter, place)
+        flat, over = scene.flats[number], scene.over[number]
+        held[shell_of(flat, matter, over) & (told <= 0)] = -1
+        layers |= layer_on(flat, matter, over, place)
     outside = scene.border & (told <= 0)
     held[outside] = -1
     held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
@@ -214,7 +240,7 @@ def check(matter: SubtetGraph, strokes: Sequence[Stroke]) -> None:
         raise ValueError("no stroke says what the object is: give one")
     for stroke in strokes:
         for point in np.asarray(stroke.points, float)[:1]:
-            away = float(np.linalg.norm(matter.middles - point, axis=1).min(initial=np.inf))
+            away = float(matter.tree.query(point)[0])
             if not away <= max(MISSED * matter.edge, stroke.radius):
                 where = " ".join(f"{v:g}" for v in point)
                 raise ValueError(f"there is no matter at {where}: the nearest is {away:.3g} away")
@@ -222,9 +248,7 @@ def check(matter: SubtetGraph, strokes: Sequence[Stroke]) -> None:
 
 def ids_near(matter: SubtetGraph, stroke: Stroke) -> np.ndarray:
     """The sub-tets at a stroke's points, ids."""
-    from scipy.spatial import cKDTree
-
-    tree, points = cKDTree(matter.middles), np.asarray(stroke.points, float)
+    tree, points = matter.tree, np.asarray(stroke.points, float)
     around = tree.query_ball_point(points, max(stroke.radius, SEED * matter.edge))
     return np.unique(np.concatenate([*map(np.int64, around), tree.query(points)[1]]))
 
@@ -261,10 +285,10 @@ def joined_to(matter: SubtetGraph, to: np.ndarray, among: np.ndarray) -> np.ndar
     if not len(ids):
         return among
     count = len(ids)
-    nodes = np.unique(matter.nodes[ids], return_inverse=True)[1].reshape(-1, 4) + count
-    rows = np.repeat(np.arange(count), 4)
-    size = int(nodes.max()) + 1
-    graph = csr_array((np.ones(4 * count, np.int8), (rows, nodes.ravel())), shape=(size, size))
+    columns = (matter.nodes[ids] + count).ravel()
+    size = int(columns.max()) + 1
+    starts = np.minimum(4 * np.arange(size + 1), 4 * count)
+    graph = csr_array((np.ones(4 * count, np.int8), columns, starts), shape=(size, size))
     labels = connected_components(graph, directed=False)[1][:count]
     joined = np.zeros(len(among), bool)
     joined[ids] = np.isin(labels, np.unique(labels[to[ids]]))

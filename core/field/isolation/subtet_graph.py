@@ -8,6 +8,7 @@ Shapes: N occupied sub-tets, E pairs of them with a common face.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,9 +53,12 @@ class SubtetGraph:
         occupied[self.tets[chosen], self.subtets[chosen]] = True
         return pack_mask(occupied)
 
-    def nearest(self, point: np.ndarray) -> int:
-        """The one whose middle is nearest to a point at rest [3]."""
-        return int(((self.middles - point) ** 2).sum(axis=1).argmin())
+    @cached_property
+    def tree(self):
+        """A cKDTree of SciPy over the middles."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.middles)
 
 
 def graph_of(field: TetField) -> SubtetGraph:

@@ -79,10 +79,13 @@ def share_an_edge(flat: Flat, other: Flat) -> bool:
 
 def near_hull(flat: Flat, points: np.ndarray) -> np.ndarray:
     """Whether points [n, 3] lie over or under a part, or one and a half cells beside it.  [n]"""
-    return _in_hull(flat, points, 1.5 * flat.cell)
+    return in_hull(flat, points, 1.5 * flat.cell)
 
 
-def _in_hull(flat, points, slack):
+def in_hull(flat: Flat, points: np.ndarray, slack: float = 0.0) -> np.ndarray:
+    """Whether points [n, 3] lie over or under the convex hull of a part, where the object hides
+    the part, too; or not farther beside it than `slack`.  [n] bool
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     own = flat.corners() @ flat.axes.T
@@ -99,24 +102,23 @@ def on_flat(flat: Flat, matter: SubtetGraph, points: np.ndarray) -> np.ndarray:
     return (abs(flat.plane.height(points)) < CLEAR * matter.edge) & flat.covers(points)
 
 
-def shell_of(flat: Flat, matter: SubtetGraph) -> np.ndarray:
-    """Which matter is in the part's shell, where the object hides it, too.  [N] bool"""
-    heights = abs(flat.plane.height(matter.middles))
-    return (heights < CLEAR * matter.edge) & _in_hull(flat, matter.middles, 0.0)
+def shell_of(flat: Flat, matter: SubtetGraph, over: np.ndarray) -> np.ndarray:
+    """Which matter is in the part's shell, of what lies `over` its hull [N] bool.  [N] bool"""
+    return over & (abs(flat.plane.height(matter.middles)) < CLEAR * matter.edge)
 
 
-def layer_on(flat: Flat, matter: SubtetGraph, place: np.ndarray) -> np.ndarray:
+def layer_on(flat: Flat, matter: SubtetGraph, over: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Which matter lies on the part in a low layer.  [N] bool
 
     Args:
+        over: What lies over or under the part's hull.  [N] bool
         place: A point of the object, which says which side of the part is its front.  [3]
     """
     from scipy.spatial import cKDTree
 
     plane = flat.plane if flat.plane.height(place) > 0.0 else flat.plane.turned()
     heights = plane.height(matter.middles) / matter.edge
-    beside = _in_hull(flat, matter.middles, 0.0)
-    low = beside & (heights >= CLEAR) & (heights < LOW)
+    low = over & (heights >= CLEAR) & (heights < LOW)
     thick = matter.depths >= FOG
     above = thick & (heights >= LOW) & (heights < ABOVE)
     if low.any() and above.any():

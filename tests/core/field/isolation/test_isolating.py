@@ -134,6 +134,14 @@ def test_a_short_stroke_on_a_crumb_takes_the_crumb_alone():
     assert iou(kept, scene.matter.middles[:, 2] < 0.6) > 0.95
 
 
+def test_what_goes_on_at_the_border_is_told_from_what_touches_it():
+    rod = slab((0.0, 0.42, 0.1), (1.0, 0.58, 0.25))
+    scene = scene_of(any_of(rod, ball((0.5, 0.5, 0.72), 0.28)), box=CUBE, spacing=0.05)
+    ends = scene.matter.middles[scene.border]
+    assert len(ends) and (ends[:, 2] < 0.3).all()
+    assert (ends[:, 0] < 0.5).any() and (ends[:, 0] > 0.5).any()
+
+
 def test_a_field_is_cut_and_says_where_it_goes_on(make_ball_field):
     field = make_ball_field(0)
     assert np.isinf(box_of(field)).all()  # the ball ends inside of the cube
