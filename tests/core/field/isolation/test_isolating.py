@@ -142,6 +142,17 @@ def test_what_goes_on_at_the_border_is_told_from_what_touches_it():
     assert (ends[:, 0] < 0.5).any() and (ends[:, 0] > 0.5).any()
 
 
+def test_what_is_joined_with_the_outside_by_more_than_with_the_object_goes():
+    """A ball touches a beam that goes on; the box cuts off the end of the ball's own tail."""
+    beam, toy = slab((0.3, 0.6, 0.0), (0.7, 0.8, 1.0)), ball((0.5, 0.36, 0.5), 0.26)
+    scene = scene_of(any_of(beam, toy), box=CUBE, spacing=0.05)
+    kept = isolated(scene, [stroke((0.5, 0.12, 0.5))]).kept
+    assert iou(kept, toy(scene.matter.middles)) > 0.93
+    tail = slab((0.45, 0.0, 0.45), (0.55, 0.3, 0.55))
+    scene = scene_of(any_of(tail, toy), box=CUBE, spacing=0.05)
+    assert isolated(scene, [stroke((0.5, 0.6, 0.5))]).kept.mean() > 0.95
+
+
 def test_a_field_is_cut_and_says_where_it_goes_on(make_ball_field):
     field = make_ball_field(0)
     assert np.isinf(box_of(field)).all()  # the ball ends inside of the cube
