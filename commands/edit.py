@@ -73,8 +73,8 @@ def prepare(arguments: EditArguments):
     return job
 
 
-def alone_at(field: fields.TetField, point: np.ndarray) -> tuple[fields.TetField, str]:
-    """The thing at a point [3] alone, and what was left out, in one line."""
+def alone_at(field, point: np.ndarray):
+    """The field of the thing at a point [3], and what was left out, in one line."""
     require("scipy")
     if not np.isfinite(point).all():
         raise ValueError(f"--keep-at has to be three numbers; it is {point.tolist()}")

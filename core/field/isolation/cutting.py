@@ -5,9 +5,9 @@ A labelling says of each node whether it is kept.  Its cost is
     sum of pulls_i over the nodes that aren't kept
     + sum of ties_ij over the pairs of which one node is kept and one isn't
 
-and `cut` returns a labelling with the least.  It is found as a maximum flow from a source, to which
-nodes with a positive pull are tied, to a sink, by Dinic's method (SciPy).  SciPy's capacities are
-whole numbers.
+and `minimum_cut` returns a labelling with the least.  It is found as a maximum flow from a source,
+to which nodes with a positive pull are tied, to a sink, by Dinic's method (SciPy).  SciPy's
+capacities are whole numbers.
 
 Shapes: N nodes, E pairs.
 """
@@ -18,7 +18,9 @@ WHOLE = 1000.0  # of SciPy's units in a tie of 1
 MOST = 1e6  # of a tie or a pull, so that sums of flows fit 32 bits
 
 
-def cut(pulls: np.ndarray, pairs: np.ndarray, ties: np.ndarray, held: np.ndarray) -> np.ndarray:
+def minimum_cut(
+    pulls: np.ndarray, pairs: np.ndarray, ties: np.ndarray, held: np.ndarray
+) -> np.ndarray:
     """Which nodes are kept.  [N] bool
 
     Args:

@@ -2,7 +2,7 @@
 
     this, not this   what the strokes say: sub-tets near their points are held on one side
     surroundings     flat parts that go on beyond the object, and what lies on them in a layer
-    rest             matter that is neither; `cut` (cutting.py) parts it
+    rest             matter that is neither; `minimum_cut` (cutting.py) parts it
     groups           sub-tets of one tet that touch and lie on one side of all flat parts: nodes of
                      a first, coarse cut; those at its border are cut again one by one
 
@@ -18,12 +18,12 @@ import numpy as np
 
 from ..field import TetField
 from ..reduction import nearer_to_matter, reduced
-from .cutting import cut
+from .cutting import minimum_cut
 from .flats import Flat, flats_of
 from .subtet_graph import SubtetGraph, graph_of
 from .surroundings import BORDER, NONE, goes_on, in_hull, layer_on, on_flat, share_an_edge, shell_of
 
-SEED = 1.5  # around a stroke's points, that is held [edges]
+SEED = 0.75  # around a stroke's points, that is held [edges]
 MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
 BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that counts
 # Of the next layer's matter, that the outermost one has of what goes on; a solid cap has a third.
@@ -35,7 +35,7 @@ BY_DEFAULT, LAYER, NEAR = 0.02, 0.2, 0.1
 # regular tets of edge 1 have the volume of a face times the layer's depth, 2.
 OUTSIDE = 0.14
 FARTHER = 6.0  # times, it is between sub-tets of unlike colors than between those of one color
-FARTHEST, REACHES = 1e6, 4
+FARTHEST, REACHES, SURER = 1e6, 4, 0.4
 UNLIKE = 0.05  # of a tie, that is left between such
 
 
@@ -189,7 +189,7 @@ def without_surroundings(scene: Isolation, strokes, told, left_out) -> np.ndarra
     held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
     evidence = np.where(layers, -LAYER, BY_DEFAULT)
     weights = scene.opacity * matter.volumes / matter.volumes.mean()
-    kept = cut(evidence * weights, matter.pairs, scene.ties, held)
+    kept = minimum_cut(evidence * weights, matter.pairs, scene.ties, held)
     outside = scene.border & (told <= 0) & kept
     if not outside.any():
         return kept
@@ -197,10 +197,10 @@ def without_surroundings(scene: Isolation, strokes, told, left_out) -> np.ndarra
     other = distances(scene, np.flatnonzero(outside), kept)
     near = nearness(one, other)
     pulls = np.where(near < 0.0, NEAR * near, evidence) * weights
-    held = np.where(kept, told, -1)
+    held = np.where(kept, np.maximum(told, 0), -1)
     held[outside] = -1
-    alone = cut(pulls, matter.pairs, scene.ties, held)
-    return alone | (kept & (told >= 0) & rather_joined(scene, alone, kept & ~alone, outside))
+    alone = minimum_cut(pulls, matter.pairs, scene.ties, held)
+    return alone | rather_joined(scene, alone, kept & ~alone, outside)
 
 
 def rather_joined(scene: Isolation, alone, gone, outside) -> np.ndarray:
@@ -231,8 +231,9 @@ def rather_joined(scene: Isolation, alone, gone, outside) -> np.ndarray:
 def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
     """What a "not this" stroke takes away of what is kept.  [N] bool
 
-    It is cut off within several distances from the stroke.  The piece is taken that has the
-    smallest border for its size: a crumb at its own border, an arm at the shoulder.
+    It is cut off within several distances from the stroke, and judged by its border over the
+    root of its matter, which of a shell has no scale.  A larger piece is taken only if that is
+    much less: a crumb goes at its own border, an arm at the shoulder.
 
     Args:
         own: Sub-tets at the stroke, ids.
@@ -255,10 +256,10 @@ def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
         held = np.where(free, 0, np.where(kept, 1, -1))
         held[own] = -1
         inner = kept[matter.pairs].all(axis=1)
-        taken = kept & ~cut(pulls, matter.pairs[inner], scene.ties[inner], held)
+        taken = kept & ~minimum_cut(pulls, matter.pairs[inner], scene.ties[inner], held)
         parted = taken[matter.pairs[inner]].sum(axis=1) == 1
-        quotient = scene.ties[inner][parted].sum() / weights[taken].sum() ** (2.0 / 3.0)
-        if quotient < best_quotient:
+        quotient = scene.ties[inner][parted].sum() / np.sqrt(weights[taken].sum())
+        if quotient < SURER * best_quotient:
             best, best_quotient = taken, quotient
     return best
 

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from solids import any_of, ball, matter_where, slab
 
-from deformrf.core.field.isolation.isolating import (
+from deformrf.core.field import (
     Isolation,
     Stroke,
-    box_of,
     isolated,
     isolation_of,
-    isolation_of_graph,
     kept_field,
     left_out_in_words,
 )
+from deformrf.core.field.isolation.isolating import box_of, isolation_of_graph, joined_to
 
 NOWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])  # nothing goes on outside
 CUBE = np.array([[0.0] * 3, [1.0] * 3])
@@ -118,8 +117,6 @@ def test_what_is_kept_is_joined_to_a_click():
     scene = scene_of(inside, box=CUBE)
     point = scene.matter.middles[len(scene.matter.tets) // 2]
     kept = isolated(scene, [stroke(point)]).kept
-    from deformrf.core.field.isolation.isolating import joined_to
-
     seed = np.zeros(len(kept), bool)
     seed[np.linalg.norm(scene.matter.middles - point, axis=1) < 2.0 * scene.matter.edge] = True
     np.testing.assert_array_equal(joined_to(scene.matter, seed, kept), kept)
