@@ -12,7 +12,7 @@ Shapes: N occupied sub-tets, G groups.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -61,6 +61,7 @@ class Isolation:
     opacity: np.ndarray  # [N] of a sub-tet, 0..1
     ties: np.ndarray  # [E] what it costs to part pairs
     ways: np.ndarray  # [E] how far it is between them [edges]
+    last: dict = field(default_factory=dict)  # what the last strokes for "this" came to
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,12 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
     for stroke, ids in zip(strokes, near, strict=True):
         told[ids] = 1 if stroke.this else -1
     left_out = surroundings_of(scene, strokes)
-    kept = without_surroundings(scene, strokes, told, left_out)
+    place = np.concatenate([s.points for s in strokes if s.this]).mean(axis=0)
+    follows_from = np.packbits(told > 0).tobytes(), place.tobytes(), tuple(left_out)
+    if scene.last.get("from") != follows_from:  # the same for each stroke "not this"
+        scene.last["kept"] = without_surroundings(scene, place, told > 0, left_out)
+        scene.last["from"] = follows_from
+    kept = scene.last["kept"].copy()
     one = None
     for stroke, ids in zip(strokes, near, strict=True):
         own = ids[kept[ids]]
@@ -172,32 +178,32 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
     return Isolated(kept, tuple(left_out))
 
 
-def without_surroundings(scene: Isolation, strokes, told, left_out) -> np.ndarray:
+def without_surroundings(scene: Isolation, place, ours, left_out) -> np.ndarray:
     """What strokes that say "this" single out from surroundings.  [N] bool
 
     Args:
-        told: 1 where strokes say "this", -1 for "not this", else 0.  [N] int
+        place: The middle of these strokes.  [3]
+        ours: What they hold.  [N] bool
         left_out: Flat parts that are surroundings.
     """
-    matter, held = scene.matter, np.where(told > 0, 1, 0)
-    place = np.concatenate([s.points for s in strokes if s.this]).mean(axis=0)
+    matter, held = scene.matter, np.where(ours, 1, 0)
     layers = np.zeros(len(held), bool)
     for number in left_out:
         flat, over = scene.flats[number], scene.over[number]
-        held[shell_of(flat, matter, over) & (told <= 0)] = -1
+        held[shell_of(flat, matter, over) & ~ours] = -1
         layers |= layer_on(flat, matter, over, place)
     held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
     evidence = np.where(layers, -LAYER, BY_DEFAULT)
     weights = scene.opacity * matter.volumes / matter.volumes.mean()
     kept = minimum_cut(evidence * weights, matter.pairs, scene.ties, held)
-    outside = scene.border & (told <= 0) & kept
+    outside = scene.border & ~ours & kept
     if not outside.any():
         return kept
-    one = distances(scene, np.flatnonzero(told > 0), kept)
+    one = distances(scene, np.flatnonzero(ours), kept)
     other = distances(scene, np.flatnonzero(outside), kept)
     near = nearness(one, other)
     pulls = np.where(near < 0.0, NEAR * near, evidence) * weights
-    held = np.where(kept, np.maximum(told, 0), -1)
+    held = np.where(kept, np.where(ours, 1, 0), -1)
     held[outside] = -1
     alone = minimum_cut(pulls, matter.pairs, scene.ties, held)
     return alone | rather_joined(scene, alone, kept & ~alone, outside)
