@@ -6,17 +6,18 @@ from typing import Literal
 import numpy as np
 
 from ..core import field as fields
-from ..core.base.arguments import Box, Model, Output, Share, writable_file
+from ..core.base.arguments import Box, Model, Output, Point, Share, writable_file
 from ..core.base.device import start_warp
 from .options import OnCpu, parsed
-from .running import run
+from .running import require, run
 
 PROGRAM = "deformrf edit"
 
 
 @dataclass(frozen=True)
 class EditArguments(OnCpu):
-    """Take parts of a model away: what lies outside a box or inside one, and specks."""
+    """Take parts of a model away: what lies outside a box or inside one, what is around a thing,
+    and specks."""
 
     model: Model
     """Model file, an .npz."""
@@ -27,6 +28,9 @@ class EditArguments(OnCpu):
     command prints where the model's matter lies."""
     drop_box: Box = None
     """Take away what lies in this box [model units]."""
+    keep_at: Point = None
+    """Keep the thing at this point [model units], and take away what surrounds it: floors and walls
+    that go on beyond it, what lies on them, what reaches the border of the box."""
     specks: Share = 0.01
     """Take away parts with less than this share of the matter, 0 to 1; 0 keeps all."""
     entry_bits: Literal[8, 16] | None = None
@@ -51,9 +55,14 @@ def prepare(arguments: EditArguments):
         edited = fields.cut(edited, keep)
     if drop is not None:
         edited = fields.cut(edited, drop, keep_inside=False)
+    left_out = None
+    if arguments.keep_at is not None:
+        edited, left_out = alone_at(edited, np.array(arguments.keep_at))
     edited = fields.without_specks(edited, arguments.specks)
 
     def job():
+        if left_out:
+            print(left_out)
         fields.save(edited, output, entry_bits=arguments.entry_bits)
         print(
             f"Wrote {output}: {edited.mesh.tet_count} of {field.mesh.tet_count} tets, "
@@ -62,6 +71,20 @@ def prepare(arguments: EditArguments):
         return 0
 
     return job
+
+
+def alone_at(field, point: np.ndarray):
+    """The field of the thing at a point [3], and what was left out, in one line."""
+    require("scipy")
+    if not np.isfinite(point).all():
+        raise ValueError(f"--keep-at has to be three numbers; it is {point.tolist()}")
+    isolation = fields.isolation_of(field)
+    try:
+        result = fields.isolated(isolation, [fields.Stroke(point[None], this=True)])
+    except ValueError as error:
+        raise ValueError(f"--keep-at: {error}") from error
+    said = fields.left_out_in_words(isolation, result)
+    return fields.kept_field(field, isolation, result), f"Left out {said}."
 
 
 def checked_box(name: str, arguments: EditArguments):

@@ -314,6 +314,7 @@ class App:
         keep = keep and (self.recorder.video is not None or self.recorder.wants_screenshot)
         if keep and not in_clips:
             self._record_view()
+        self.mark_layer.draw(camera, clips, self.controls.tools["isolate"].marks)
         self.handle_layer.draw(camera, clips)
         settings = self.scene.settings
         if self.gui is None or settings.task != "bend" or settings.tool in OF_BONES:

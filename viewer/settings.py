@@ -12,7 +12,7 @@ from ..core.render import MODES
 DELETING = "delete", "delete box", "delete lasso"
 OF_BONES = "joints", "bones"
 ORBIT_KEYS = "alt", "ctrl", "shift"
-TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING, *OF_BONES
+TOOLS = "grab", "box", "lasso", "push", "stiffen", "soften", *DELETING, "isolate", *OF_BONES
 SURFACES = "hidden", "plain", "strain", "volume ratio"  # of the coarse mesh
 MESH_RANGES = 0.01, 1.0
 SMALLEST_SIDE, LARGEST_SIDE = 32, 8192  # of images and films [pixels]

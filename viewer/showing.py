@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from . import preferences
 from .document import autosave_folder, left_behind, start_of
-from .layers import BoneLayer, HandleLayer, MeshLayer, RadianceLayer, choose_path
+from .layers import BoneLayer, HandleLayer, MarkLayer, MeshLayer, RadianceLayer, choose_path
 from .loading import Progress, prepare
 from .tools import Controls, Fly
 
@@ -72,9 +72,16 @@ def show(app, scene, renderer, path: str) -> None:
         app.window.remove_handlers(**noted)
         app.window.remove_handlers(*panels_first)
         app.window.remove_handlers(app.controls)
-        for layer in (app.radiance, app.mesh_layer, app.handle_layer, app.bone_layer):
+        for layer in (
+            app.radiance,
+            app.mesh_layer,
+            app.handle_layer,
+            app.bone_layer,
+            app.mark_layer,
+        ):
             layer.release()
     app.radiance, app.handle_layer, app.bone_layer = radiance, handle_layer, bone_layer
+    app.mark_layer = MarkLayer(app.ctx)
     app.mesh_layer = MeshLayer(app.ctx, scene, radiance.draw_depth)
     say = app.recorder.say
     app.controls = Controls(scene, app.radiance.depth_image, app.log, say)

@@ -30,6 +30,7 @@ Share = Annotated[float, Arg("SHARE")]  # 0 to 1
 Meters = Annotated[float | None, Arg("METERS")]
 File = Annotated[Path | None, Arg("PATH")]
 Folder = Annotated[Path | None, Arg("FOLDER")]
+Point = Annotated[tuple[(float,) * 3] | None, Arg("X Y Z")]
 Box = Annotated[tuple[(float,) * 6] | None, Arg("X0 Y0 Z0 X1 Y1 Z1")]
 
 

@@ -13,6 +13,15 @@ from .field import same_values as same_values
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry
 from .reduction import nearer_to_matter as nearer_to_matter
+from .isolation.isolating import (
+    Isolated as Isolated,
+    Isolation as Isolation,
+    Stroke as Stroke,
+    isolated as isolated,
+    isolation_of as isolation_of,
+    kept_field as kept_field,
+    left_out_in_words as left_out_in_words,
+)
 from .levels import (
     below_pixel as below_pixel,
     level_edges as level_edges,

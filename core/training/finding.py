@@ -12,9 +12,9 @@ import numpy as np
 import torch
 import warp as wp
 
-from ..geometry import a15_grid
+from ..geometry import Plane, a15_grid
 from .data.datasets import Dataset
-from .data.found_object import FoundObject, Plane, find_object, ground_of
+from .data.found_object import FoundObject, find_object, ground_of
 from .data.raybank import RayBank
 from .data.scene_box import REACH, box_to_unit_cube, found_to_unit_cube
 from .data.views import focus

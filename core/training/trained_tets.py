@@ -6,6 +6,7 @@ import numpy as np
 
 from ..field import TetField, pack_mask, reduced, subtet_middles, unpack_mask
 from ..geometry import (
+    Plane,
     TetMesh,
     extract,
     face_components,
@@ -14,7 +15,6 @@ from ..geometry import (
     tet_neighbours,
 )
 from .data.errors import DatasetError
-from .data.found_object import Plane
 from .run.training_field import TrainingField
 
 SMALLEST_COMPONENT = 0.005  # of the occupied tets; smaller ones are floaters

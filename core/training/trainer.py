@@ -23,10 +23,9 @@ import warp as wp
 
 from ..base.device import start_warp
 from ..field import FieldOptions, TetField
-from ..geometry import TetMesh, a15_grid
+from ..geometry import Plane, TetMesh, a15_grid
 from . import photographs, stages
 from .data.datasets import Dataset
-from .data.found_object import Plane
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
 from .finding import FoundBox, ground_under, search
 from .run.batch import looks

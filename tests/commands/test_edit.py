@@ -27,6 +27,25 @@ def test_a_box_is_kept(call, model, tmp_path):
     np.testing.assert_array_equal(after.world_to_model, before.world_to_model)
 
 
+def test_the_thing_at_a_point_is_kept(call, make_ball_field, tmp_path):
+    """Of two halves that nothing joins, the one that is named; other options go on working."""
+    model, smaller = tmp_path / "halves.npz", tmp_path / "half.npz"
+    fields.save(make_ball_field(0, spacing=0.05, gap=0.1, occupied_share=1.0), model)
+    result = call(edit.main, model, "-o", smaller, "--keep-at", 0.35, 0.5, 0.5)
+    assert result.code == 0
+    assert "Left out 4" in result.out or "Left out 5" in result.out
+    assert "% of the matter (in the box" in result.out
+    after = fields.load(smaller)
+    places = fields.subtet_middles(after.mesh)[fields.unpack_mask(after.occupancy)]
+    assert places[:, 0].max() < 0.5
+    box = [0.0, 0.0, 0.0, 1.0, 1.0, 0.5]
+    flags = ["--keep-at", 0.35, 0.5, 0.4, "--keep-box", *box]
+    assert call(edit.main, model, "-o", smaller, *flags).code == 0
+    after = fields.load(smaller)
+    places = fields.subtet_middles(after.mesh)[fields.unpack_mask(after.occupancy)]
+    assert places[:, 0].max() < 0.5 and places[:, 2].max() <= 0.5
+
+
 def test_a_model_can_be_replaced_by_what_is_left_of_it(call, model):
     count = fields.load(model).mesh.tet_count
     result = call(edit.main, model, "-o", model, "--drop-box", 0, 0, 0, 1, 1, 0.5)
@@ -50,6 +69,8 @@ def test_tables_keep_the_bits_of_their_entries(call, model, bits, flags, wanted)
         (["--drop-box", 0, 0, 0, 1, 1, "nan"], "--drop-box has to be"),
         (["--keep-box", 5, 5, 5, 6, 6, 6], "nothing of the model would be left"),
         (["--specks", 1.0], "--specks is 1"),
+        (["--keep-at", 3, 0, 0], "there is no matter at 3 0 0"),
+        (["--keep-at", 3, 0, "nan"], "--keep-at has to be three numbers"),
     ],
 )
 def test_bad_flags_end_in_one_sentence(call, model, tmp_path, flags, sentence, refused):

@@ -150,6 +150,7 @@ def clear_paint(body):
 tool("delete", "delete with a brush (Shift: all through)", "D", "Edit/Delete/Erase")
 tool("delete box", "delete in a box (Ctrl: around it)", "SHIFT+D", "Edit/Delete/Cut box")
 tool("delete lasso", "delete in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Cut out")
+tool("isolate", "isolate one thing: a click, strokes, Enter", menu="Edit/Delete/Isolate")
 
 
 @action("delete parts with less than 1 % of the matter", menu="Edit/Delete/-Delete specks")

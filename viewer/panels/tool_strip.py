@@ -9,7 +9,7 @@ GAP = 2.0  # points, between two buttons
 WIDE, NARROW = (54.0, 40.0), (34.0, 30.0)  # a button with a word, and without
 LOW = 560.0  # points: a window that is lower has no words
 WORD = 11.0  # points, of its letters
-GROUPS = ("grab", "box", "lasso"), ("push", "stiffen", "soften"), OF_BONES, DELETING
+GROUPS = ("grab", "box", "lasso"), ("push", "stiffen", "soften"), OF_BONES, (*DELETING, "isolate")
 ACTIONS = {"push": "toggle_push"}  # of tools, where they aren't called like their action
 
 

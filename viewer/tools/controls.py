@@ -14,6 +14,7 @@ from .bone_tool import JointTool, PoseTool
 from .brushes import DeleteBrush, Push, Soften, Stiffen
 from .drag_keys import DragKeys
 from .gizmo import Part
+from .isolate import Isolate
 from .keys import LEFT, MIDDLE, RIGHT, SHIFT
 from .regions import DeleteBox, DeleteLasso, SelectBox, SelectLasso
 from .tool import CameraMove, Tool
@@ -21,7 +22,7 @@ from .viewport import Viewport
 
 KINDS_OF_TOOL = (  # in the order of their buttons
     *(Bend, SelectBox, SelectLasso, Push, Stiffen, Soften),
-    *(DeleteBrush, DeleteBox, DeleteLasso, JointTool, PoseTool),
+    *(DeleteBrush, DeleteBox, DeleteLasso, Isolate, JointTool, PoseTool),
 )
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 ZOOM_PER_NOTCH = 0.88

@@ -141,9 +141,11 @@ class DragKeys:
         """Keys of numbers are a drag's as long as it goes on, and Enter, which ends a free one."""
         from pyglet.window import key  # not at the top: it needs a display, or headless mode
 
+        name = key.symbol_string(symbol)
+        if name in ("ENTER", "NUM_ENTER") and not self.mode and self.tool.enter():
+            return True
         if self.held_drag is None or modifiers & (CTRL | ALT):
             return None
-        name = key.symbol_string(symbol)
         if name in ("ENTER", "NUM_ENTER") and (self.free or self.held_drag.held.text):
             self.finish()
             return True

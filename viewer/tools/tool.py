@@ -54,6 +54,10 @@ class Tool:
         """The wheel turns; whether that is the tool's."""
         return False
 
+    def enter(self) -> bool:
+        """Enter is pressed, and no button is down; whether the tool takes it."""
+        return False
+
     def cancel(self) -> None:
         """Give up what the button does: all is as it was before the press."""
 

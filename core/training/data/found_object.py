@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ...geometry import Plane, heaviest_plane
 from ...render import Lens
 from .views import common_up, focus, upright
 
@@ -29,7 +30,7 @@ POINTS_MAX, PAIRED_MAX = 20_000, 6_000  # that a plane, that clusters are made o
 FAR = 1.5  # farther from the focus points don't count [scale]
 BELL = 0.6  # standard deviation of attention, over half the image's shorter side
 THICKNESS = 0.012  # of a plane to each side [scale]
-TRIES, PLANES = 1500, 8
+PLANES = 8
 PLANE_SHARE = 0.03  # of the attention that a plane has at least
 CAMERAS_IN_FRONT = 0.95  # of the cameras
 STANDS = 0.35  # cosine between the plane's normal and the cameras' up from which the object stands
@@ -47,18 +48,6 @@ OUTLIERS = 0.3  # percent of its points at each side of the box
 MARGIN = 0.12  # around them: what is thin is missing among points [the box's longest side]
 GROUND_THICKNESS = 0.008  # to each side [model units]
 SAME_TILT, GROUND_SHARE = 0.985, 0.15  # cosine to the guess; of the points near it
-
-
-@dataclass(frozen=True)
-class Plane:
-    """Points x with normal · x = offset."""
-
-    normal: np.ndarray  # [3] a unit vector
-    offset: float
-
-    def height(self, points):
-        """How far points lie in front of it.  [..., 3] -> [...]"""
-        return points @ self.normal - self.offset
 
 
 @dataclass(frozen=True)
@@ -232,35 +221,6 @@ def over_footprint(plane: Plane, chosen, points, weights, *groups):
 def flattened(plane: Plane, points):
     """Points moved along a plane's normal to the plane through 0.  [n, 3]"""
     return points - points @ plane.normal[:, None] * plane.normal
-
-
-def heaviest_plane(points, weights, thickness, rng) -> Plane | None:
-    """The plane with the most weight near it; None of too few points."""
-    if len(points) < FEWEST_POINTS or weights.sum() <= 0.0:
-        return None
-    corners = points[rng.choice(len(points), (TRIES, 3), p=weights / weights.sum())]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1)
-    sane = lengths > 1e-12
-    if not sane.any():
-        return None
-    normals, origins = normals[sane] / lengths[sane, None], corners[sane, 0]
-    offsets = (normals * origins).sum(axis=1)
-    few = rng.choice(len(points), min(len(points), 4000), replace=False)
-    near = abs(points[few] @ normals.T - offsets) < thickness
-    best = np.argmax(weights[few] @ near)
-    normal, offset = normals[best], offsets[best]
-    for _ in range(5):
-        inside = abs(points @ normal - offset) < thickness
-        if inside.sum() < 3:
-            return None
-        w = weights[inside] / weights[inside].sum()
-        mean = w @ points[inside]
-        away = points[inside] - mean
-        axes = np.linalg.eigh((w[:, None] * away).T @ away)[1]
-        normal = axes[:, 0] * np.sign(axes[:, 0] @ normal or 1.0)
-        offset = normal @ mean
-    return Plane(normal, float(offset))
 
 
 def watched_clusters(points, weights, total, rng):

@@ -10,9 +10,8 @@ from deformrf.core.field import (
     subtet_middles,
     unpack_mask,
 )
-from deformrf.core.geometry import a15_grid, extract, face_components, tet_neighbours
+from deformrf.core.geometry import Plane, a15_grid, extract, face_components, tet_neighbours
 from deformrf.core.training import DatasetError, trained_tets
-from deformrf.core.training.data.found_object import Plane
 from deformrf.core.training.run.training_field import TrainingField
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deformrf.core.geometry import Plane
 from deformrf.core.render import look_at, pinhole
 from deformrf.core.training import find_object
 from deformrf.core.training.data.found_object import (
     THICKNESS,
-    Plane,
     attention,
     common_up,
     ground_of,

@@ -1,0 +1,57 @@
+"""The minimum cut of a graph whose nodes are drawn to one side or the other.
+
+A labelling says of each node whether it is kept.  Its cost is
+
+    sum of pulls_i over the nodes that aren't kept
+    + sum of ties_ij over the pairs of which one node is kept and one isn't
+
+and `minimum_cut` returns a labelling with the least.  It is found as a maximum flow from a source,
+to which nodes with a positive pull are tied, to a sink, by Dinic's method (SciPy).  SciPy's
+capacities are whole numbers.
+
+Shapes: N nodes, E pairs.
+"""
+
+import numpy as np
+
+WHOLE = 1000.0  # of SciPy's units in a tie of 1
+MOST = 1e6  # of a tie or a pull, so that sums of flows fit 32 bits
+
+
+def minimum_cut(
+    pulls: np.ndarray, pairs: np.ndarray, ties: np.ndarray, held: np.ndarray
+) -> np.ndarray:
+    """Which nodes are kept.  [N] bool
+
+    Args:
+        pulls: What it costs not to keep a node; if negative, to keep it.  [N]
+        pairs: [E, 2] int
+        ties: What it costs to part a pair, 0 or more.  [E]
+        held: 1 of a node that is kept in any case, -1 of one that isn't, else 0.  [N] int
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+    free = held == 0
+    source, sink = int(free.sum()), int(free.sum()) + 1
+    ids = np.where(held > 0, source, np.where(held < 0, sink, np.cumsum(free) - 1))
+    a, b = ids[pairs].T
+    inner = (a != b) & (a + b != source + sink)
+    own = np.arange(source)
+    pulled = pulls[free]
+    rows = np.concatenate([a[inner], b[inner], np.full(source, source), own])
+    columns = np.concatenate([b[inner], a[inner], own, np.full(source, sink)])
+    sizes = [ties[inner], ties[inner], np.maximum(pulled, 0.0), np.maximum(-pulled, 0.0)]
+    capacities = np.rint(WHOLE * np.minimum(np.concatenate(sizes), MOST / WHOLE)).astype(np.int32)
+    some = (capacities > 0) & (rows != sink) & (columns != source)
+    entries = (capacities[some], (rows[some], columns[some]))
+    graph = csr_array(entries, shape=(source + 2,) * 2)
+    graph.sum_duplicates()
+    flow = maximum_flow(graph, source, sink).flow
+    rest = csr_array(graph - flow)
+    rest.data = np.maximum(rest.data, 0)
+    rest.eliminate_zeros()
+    reached = breadth_first_order(rest, source, return_predecessors=False)
+    kept = held > 0
+    kept[np.flatnonzero(free)[reached[reached < source]]] = True
+    return kept

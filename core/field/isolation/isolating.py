@@ -1,0 +1,376 @@
+"""One thing of a field alone: what a click and strokes mean, and what is cut off.
+
+    this, not this   what the strokes say: sub-tets near their points are held on one side
+    surroundings     flat parts that go on beyond the object, and what lies on them in a layer
+    rest             matter that is neither; `minimum_cut` (cutting.py) parts it
+    groups           sub-tets of one tet that touch and lie on one side of all flat parts: nodes of
+                     a first, coarse cut; those at its border are cut again one by one
+
+The rules have no lengths but the edge of a sub-tet, and no sizes but shares.
+
+Shapes: N occupied sub-tets, G groups.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..field import TetField
+from ..reduction import nearer_to_matter, reduced
+from .cutting import minimum_cut
+from .flats import Flat, flats_of
+from .subtet_graph import SubtetGraph, graph_of
+from .surroundings import BORDER, NONE, goes_on, in_hull, layer_on, on_flat, share_an_edge, shell_of
+
+SEED = 0.75  # around a stroke's points, that is held [edges]
+MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
+BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that counts
+# Of the next layer's matter, that the outermost one has of what goes on; a solid cap has a third.
+GOES_ON = 0.4
+# What a sub-tet of opacity 1 pulls, over what it costs to part two through a mean face: by default
+# to "this"; where it lies on surroundings in a layer, or is nearer to "not this", to that.
+BY_DEFAULT, LAYER, NEAR = 0.02, 0.2, 0.1
+# Of a mean face, that a sub-tet of the outermost layer has of the section through the border: 7.3
+# regular tets of edge 1 have the volume of a face times the layer's depth, 2.
+OUTSIDE = 0.14
+FARTHER = 6.0  # times, it is between sub-tets of unlike colors than between those of one color
+FARTHEST, REACHES, SURER = 1e6, 4, 0.4
+UNLIKE = 0.05  # of a tie, that is left between such
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """Points of a stroke on the surface, at rest."""
+
+    points: np.ndarray  # [n, 3]
+    this: bool  # else "not this"
+    radius: float = 0.0  # that it reaches to each side [model units]; at least an edge
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """What strokes need of a field, made once."""
+
+    matter: SubtetGraph
+    box: np.ndarray  # [2, 3], see `box_of`
+    flats: list[Flat]
+    over: list[np.ndarray]  # F x [N] bool: what lies over or under the hull of each
+    reasons: np.ndarray  # [F] int, why they go on: see surroundings.py
+    border: np.ndarray  # [N] bool: solid, and at the border of the box: it goes on outside
+    opacity: np.ndarray  # [N] of a sub-tet, 0..1
+    ties: np.ndarray  # [E] what it costs to part pairs
+    ways: np.ndarray  # [E] how far it is between them [edges]
+    last: dict = field(default_factory=dict)  # what the last strokes for "this" came to
+
+
+@dataclass(frozen=True)
+class Isolated:
+    """What strokes single out.
+
+    Attributes:
+        kept: Which sub-tets are the object's.  [N] bool
+        left_out: The flat parts that were taken for surroundings, as indices of Isolation.flats.
+    """
+
+    kept: np.ndarray
+    left_out: tuple[int, ...]
+
+
+def isolation_of(field: TetField) -> Isolation:
+    """What strokes need of a field; takes seconds."""
+    return isolation_of_graph(graph_of(field), box_of(field))
+
+
+def box_of(field: TetField) -> np.ndarray:
+    """The box at whose sides what was photographed goes on.  [2, 3]
+
+    The mesh ends at the sides of the unit cube, or of the object's box, because training had no
+    tets outside of it.  Where it ends elsewhere, nothing goes on: the side is infinitely far.
+    """
+    vertices = field.mesh.rest_vertices
+    ends = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+    sides = np.array([[0.0] * 3, [1.0] * 3])
+    if field.meta.get("object_box") is not None:
+        sides = np.array(field.meta["object_box"], float)
+    at_side = (ends - sides) * [[-1.0], [1.0]] > -1e-6
+    return np.where(at_side, ends, [[-np.inf], [np.inf]])
+
+
+def at_border(matter: SubtetGraph, opacity: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Which sub-tets are at the border of a box [2, 3], of things that go on outside.  [N] bool
+
+    Of such a thing there is about as much in the outermost layer as in the next one; what only
+    touches the border, as the top of a head, has less there.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    depth = np.minimum(matter.middles - box[0], box[1] - matter.middles).min(axis=1)
+    layer = BORDER_LAYER * matter.edge
+    band = np.flatnonzero((depth < 2.0 * layer) & (opacity > SOLID))
+    if not len(band):
+        return np.zeros(len(depth), bool)
+    numbers = np.full(len(depth), -1)
+    numbers[band] = np.arange(len(band))
+    pairs = numbers[matter.pairs]
+    a, b = pairs[(pairs >= 0).all(axis=1)].T
+    graph = csr_array((np.ones(len(a), np.int8), (a, b)), shape=(len(band),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    weights, is_outer = (opacity * matter.volumes)[band], depth[band] < layer
+    outer, inner = (np.bincount(labels, weights * some) for some in (is_outer, ~is_outer))
+    border = np.zeros(len(depth), bool)
+    border[band] = is_outer & (outer >= GOES_ON * inner)[labels]
+    return border
+
+
+def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
+    """The same of matter in a box [2, 3]."""
+    flats = flats_of(matter)
+    opacity = 1.0 - np.exp(-matter.depths)
+    a, b = matter.pairs.T
+    away = ((matter.colors[a] - matter.colors[b]) ** 2).sum(axis=1)
+    solid = np.minimum(opacity[a], opacity[b])
+    mean = float((solid * away).sum() / max(solid.sum(), 1e-30))
+    likeness = np.exp(-away / (2.0 * mean)) if mean > 1e-12 else np.ones(len(away))
+    lengths = np.linalg.norm(matter.middles[a] - matter.middles[b], axis=1) / matter.edge
+    return Isolation(
+        matter,
+        box,
+        flats,
+        [in_hull(flat, matter.middles) for flat in flats],
+        goes_on(flats, box),
+        at_border(matter, opacity, box),
+        opacity,
+        matter.areas * solid * (UNLIKE + likeness),
+        lengths * (1.0 + FARTHER * (1.0 - likeness)) / np.maximum(solid, SOLID),
+    )
+
+
+def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
+    """What strokes single out; at least one says "this".
+
+    Raises:
+        ValueError: No stroke says "this", or one lies far from all matter.
+    """
+    check(scene.matter, strokes)
+    matter = scene.matter
+    near = [ids_near(matter, stroke) for stroke in strokes]
+    told = np.zeros(len(matter.tets), int)  # the last stroke counts
+    for stroke, ids in zip(strokes, near, strict=True):
+        told[ids] = 1 if stroke.this else -1
+    left_out = surroundings_of(scene, strokes)
+    place = np.concatenate([s.points for s in strokes if s.this]).mean(axis=0)
+    follows_from = np.packbits(told > 0).tobytes(), place.tobytes(), tuple(left_out)
+    if scene.last.get("from") != follows_from:  # the same for each stroke "not this"
+        scene.last["kept"] = without_surroundings(scene, place, told > 0, left_out)
+        scene.last["from"] = follows_from
+    kept = scene.last["kept"].copy()
+    one = None
+    for stroke, ids in zip(strokes, near, strict=True):
+        own = ids[kept[ids]]
+        if stroke.this or not len(own):
+            continue
+        if one is None:
+            one = distances(scene, np.flatnonzero(told > 0), told >= 0)
+        kept &= ~piece_at(scene, stroke, own, one, kept, told)
+    kept &= (told >= 0) & joined_to(matter, told > 0, kept)
+    return Isolated(kept, tuple(left_out))
+
+
+def without_surroundings(scene: Isolation, place, ours, left_out) -> np.ndarray:
+    """What strokes that say "this" single out from surroundings.  [N] bool
+
+    Args:
+        place: The middle of these strokes.  [3]
+        ours: What they hold.  [N] bool
+        left_out: Flat parts that are surroundings.
+    """
+    matter, held = scene.matter, np.where(ours, 1, 0)
+    layers = np.zeros(len(held), bool)
+    for number in left_out:
+        flat, over = scene.flats[number], scene.over[number]
+        held[shell_of(flat, matter, over) & ~ours] = -1
+        layers |= layer_on(flat, matter, over, place)
+    held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
+    evidence = np.where(layers, -LAYER, BY_DEFAULT)
+    weights = scene.opacity * matter.volumes / matter.volumes.mean()
+    kept = minimum_cut(evidence * weights, matter.pairs, scene.ties, held)
+    outside = scene.border & ~ours & kept
+    if not outside.any():
+        return kept
+    one = distances(scene, np.flatnonzero(ours), kept)
+    other = distances(scene, np.flatnonzero(outside), kept)
+    near = nearness(one, other)
+    pulls = np.where(near < 0.0, NEAR * near, evidence) * weights
+    held = np.where(kept, np.where(ours, 1, 0), -1)
+    held[outside] = -1
+    alone = minimum_cut(pulls, matter.pairs, scene.ties, held)
+    return alone | rather_joined(scene, alone, kept & ~alone, outside)
+
+
+def rather_joined(scene: Isolation, alone, gone, outside) -> np.ndarray:
+    """Pieces of what has gone that are joined rather with the object than with the outside.  [N]
+
+    A thing that goes on outside of the box does so through a larger section than the one through
+    which it is joined with the object.  Otherwise it is a part of an object that the box cuts off,
+    or nobody knows.
+
+    Args:
+        alone, gone, outside: The object, what was cut off, and what is at the border.  [N] bool
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    a, b = scene.matter.pairs.T
+    joined = gone[a] & gone[b]
+    entries = np.ones(np.count_nonzero(joined), np.int8), (a[joined], b[joined])
+    labels = connected_components(csr_array(entries, shape=(len(gone),) * 2), directed=False)[1]
+    weights = scene.opacity * scene.matter.volumes / scene.matter.volumes.mean()
+    out = np.bincount(labels, OUTSIDE * weights * (outside & gone))
+    of_pair = np.where(gone[a], labels[a], labels[b])
+    parted = (gone[a] & alone[b]) | (alone[a] & gone[b])
+    inner = np.bincount(of_pair[parted], scene.ties[parted], minlength=len(out))
+    return gone & (inner > out)[labels]
+
+
+def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
+    """What a "not this" stroke takes away of what is kept.  [N] bool
+
+    It is cut off within several distances from the stroke, and judged by its border over the
+    root of its matter, which of a shell has no scale.  A larger piece is taken only if that is
+    much less: a crumb goes at its own border, an arm at the shoulder.
+
+    Args:
+        own: Sub-tets at the stroke, ids.
+        one: The distance from "this" [edges].  [N]
+        kept, told: As in `isolated`.  [N] bool, [N] int
+    """
+    matter = scene.matter
+    length = (np.linalg.norm(np.ptp(stroke.points, axis=0)) + 2.0 * stroke.radius) / matter.edge
+    other = distances(scene, own, kept)
+    open_ = kept & (told <= 0)
+    weights = scene.opacity * matter.volumes / matter.volumes.mean()
+    pulls = NEAR * nearness(one, other) * weights
+    best, best_quotient, before = np.zeros(len(kept), bool), np.inf, 0
+    best[own] = True
+    for reach in (*(max(length, 2.0 * SEED) * 2.0 ** np.arange(REACHES)), np.inf):
+        free = open_ & (other <= reach)
+        if np.count_nonzero(free) == before:
+            continue
+        before = np.count_nonzero(free)
+        held = np.where(free, 0, np.where(kept, 1, -1))
+        held[own] = -1
+        inner = kept[matter.pairs].all(axis=1)
+        taken = kept & ~minimum_cut(pulls, matter.pairs[inner], scene.ties[inner], held)
+        parted = taken[matter.pairs[inner]].sum(axis=1) == 1
+        quotient = scene.ties[inner][parted].sum() / np.sqrt(weights[taken].sum())
+        if quotient < SURER * best_quotient:
+            best, best_quotient = taken, quotient
+    return best
+
+
+def check(matter: SubtetGraph, strokes: Sequence[Stroke]) -> None:
+    """Raise a ValueError if strokes can't be used, as `isolated` says."""
+    if not any(stroke.this for stroke in strokes):
+        raise ValueError("no stroke says what the object is: give one")
+    for stroke in strokes:
+        for point in np.asarray(stroke.points, float)[:1]:
+            away = float(matter.tree.query(point)[0])
+            if not away <= max(MISSED * matter.edge, stroke.radius):
+                where = " ".join(f"{v:g}" for v in point)
+                raise ValueError(f"there is no matter at {where}: the nearest is {away:.3g} away")
+
+
+def ids_near(matter: SubtetGraph, stroke: Stroke) -> np.ndarray:
+    """The sub-tets at a stroke's points, ids."""
+    tree, points = matter.tree, np.asarray(stroke.points, float)
+    around = tree.query_ball_point(points, max(stroke.radius, SEED * matter.edge))
+    return np.unique(np.concatenate([*map(np.int64, around), tree.query(points)[1]]))
+
+
+def surroundings_of(scene: Isolation, strokes) -> list[int]:
+    """The flat parts that are surroundings, by themselves or because a stroke says so."""
+    flats, matter = scene.flats, scene.matter
+    ours, others = set(), set()
+    for stroke in strokes:
+        for number, flat in enumerate(flats):
+            if on_flat(flat, matter, stroke.points).mean() > 0.5:
+                (ours if stroke.this else others).add(number)
+    while True:  # sides of a box
+        more = {
+            number
+            for number, flat in enumerate(flats)
+            if number not in ours | others
+            and scene.reasons[number] != BORDER
+            and any(share_an_edge(flat, flats[k]) for k in ours)
+        }
+        if not more:
+            break
+        ours |= more
+    found = set(np.flatnonzero(scene.reasons != NONE).tolist())
+    return sorted((found | others) - ours)
+
+
+def joined_to(matter: SubtetGraph, to: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """Which of some sub-tets [N] bool are joined, at corners or more, to some of others.  [N]"""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    ids = np.flatnonzero(among)
+    if not len(ids):
+        return among
+    count = len(ids)
+    columns = (matter.nodes[ids] + count).ravel()
+    size = int(columns.max()) + 1
+    starts = np.minimum(4 * np.arange(size + 1), 4 * count)
+    graph = csr_array((np.ones(4 * count, np.int8), columns, starts), shape=(size, size))
+    labels = connected_components(graph, directed=False)[1][:count]
+    joined = np.zeros(len(among), bool)
+    joined[ids] = np.isin(labels, np.unique(labels[to[ids]]))
+    return joined
+
+
+def distances(scene: Isolation, sources: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """The shortest ways from sources (ids) through some sub-tets [N] bool [edges].  [N]
+
+    A way is longer where colors change, and where there is little matter.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    matter, count = scene.matter, len(scene.matter.tets)
+    open_ = among[matter.pairs].all(axis=1)
+    a, b = matter.pairs[open_].T
+    graph = csr_array((scene.ways[open_], (a, b)), shape=(count, count))
+    ways = dijkstra(graph, directed=False, indices=sources, min_only=True)
+    return np.minimum(ways, FARTHEST)
+
+
+def nearness(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """-1..1: how much nearer "this" is than "not this", by their distances [N].  [N]"""
+    return (other - one) / (other + one + 1.0)
+
+
+def kept_field(field: TetField, scene: Isolation, result: Isolated) -> TetField:
+    """The field of what is kept."""
+    occupancy = scene.matter.masks(result.kept)
+    had, has = field.occupancy != 0, occupancy != 0
+    keep = nearer_to_matter(field.neighbours, has, had & ~has)
+    return reduced(replace(field, occupancy=occupancy), keep)
+
+
+def left_out_in_words(scene: Isolation, result: Isolated) -> str:
+    """What was left out, how much and where: the middle of a sentence."""
+    matter, gone = scene.matter, ~result.kept
+    weights = scene.opacity * matter.volumes
+    share = float(weights[gone].sum() / max(weights.sum(), 1e-30))
+    text = f"{share:.0%} of the matter"
+    solid = gone & (scene.opacity > SOLID)
+    if solid.any():
+        low, high = np.percentile(matter.middles[solid], [1, 99], axis=0)
+        text += " (in the box " + " ".join(f"{v:.3g}" for v in (*low, *high)) + ")"
+    if count := len(result.left_out):
+        parts = "a flat part that goes" if count == 1 else f"{count} flat parts that go"
+        text += f", with {parts} on beyond the object"
+    return text

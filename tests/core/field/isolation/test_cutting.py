@@ -1,0 +1,63 @@
+"""The minimum cut, against all labellings of small graphs, and what it promises."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from deformrf.core.field.isolation.cutting import WHOLE, minimum_cut
+
+
+def cost(kept, pulls, pairs, ties):
+    """Of a labelling [N] bool, in float64."""
+    parted = kept[pairs[:, 0]] != kept[pairs[:, 1]]
+    own = np.where(kept, np.maximum(-pulls, 0.0), np.maximum(pulls, 0.0))
+    return own.sum() + ties[parted].sum()
+
+
+@pytest.mark.parametrize("trial", range(8))
+def test_no_labelling_costs_less(trial):
+    rng = np.random.default_rng()
+    count = 9
+    pairs = np.array([(i, j) for i in range(count) for j in range(i) if rng.random() < 0.4])
+    pulls, ties = rng.normal(size=count), rng.uniform(0.0, 1.0, len(pairs))
+    held = np.zeros(count, int)
+    held[:2] = 1, -1
+    kept = minimum_cut(pulls, pairs, ties, held)
+    labellings = np.array([(1, 0, *rest) for rest in product((0, 1), repeat=count - 2)], bool)
+    least = min(cost(one, pulls, pairs, ties) for one in labellings)
+    rounded = (len(pairs) + count) / WHOLE  # each capacity is a whole number
+    assert cost(kept, pulls, pairs, ties) <= least + rounded
+
+
+def test_what_is_held_stays_on_its_side_against_all_evidence():
+    rng = np.random.default_rng()
+    pairs = np.array([(i, i + 1) for i in range(49)])
+    held = rng.integers(-1, 2, 50)
+    kept = minimum_cut(-100.0 * held, pairs, np.ones(49), held)
+    assert kept[held > 0].all() and not kept[held < 0].any()
+
+
+def test_the_weakest_tie_of_a_chain_is_parted():
+    pairs = np.array([(i, i + 1) for i in range(9)])
+    ties = np.full(9, 2.0)
+    ties[5] = 0.5
+    held = np.array([1, *[0] * 8, -1])
+    kept = minimum_cut(np.zeros(10), pairs, ties, held)
+    np.testing.assert_array_equal(kept, np.arange(10) <= 5)
+
+
+def test_both_sides_are_treated_alike():
+    """With signs turned, what was kept is not, where no two cuts cost the same."""
+    rng = np.random.default_rng()
+    pairs = np.array([(i, j) for i in range(12) for j in range(i) if rng.random() < 0.4])
+    pulls, ties = rng.normal(size=12), rng.uniform(0.0, 1.0, len(pairs))
+    held = np.zeros(12, int)
+    one, other = (minimum_cut(sign * pulls, pairs, ties, held) for sign in (1, -1))
+    np.testing.assert_array_equal(one, ~other)
+
+
+def test_without_pulls_and_ties_only_what_is_held_is_kept():
+    held = np.array([1, 0, -1, 0])
+    pairs = np.zeros((0, 2), int)
+    np.testing.assert_array_equal(minimum_cut(np.zeros(4), pairs, np.zeros(0), held), held > 0)
