@@ -32,6 +32,7 @@ LONG = (
     "core/base/test_kernel_cache.py",
     "wings/lab/stability/test_measure.py",
     "core/training/run/test_exposure.py",
+    "wings/capture/test_turntable.py",
     "wings/capture/test_cameras.py",
     "viewer/films/test_film.py",
     "commands/test_train.py",

@@ -55,8 +55,8 @@ def checked(folder, total: int, mapped: Mapped) -> Mapped:
     if places < LEAST_PLACES:
         raise CaptureError(
             f"{found} stand in {places} {'places' if places > 1 else 'place'}, and {LEAST_PLACES} "
-            f"are needed: {advice}, and walk around it rather than turn it, since what stands "
-            f"still behind it is followed as well"
+            f"are needed: {advice}, and walk around it, or turn it before a camera that "
+            f"does not move at all"
         )
     if (sees := span(mapped.poses, np.median(mapped.nearest))) < SPAN:
         raise CaptureError(
