@@ -197,6 +197,15 @@ def check_mapped(folder, work, mapped: Mapped | None, rings=()):
             f"show hardly any texture ({np.median(features or [0]):.0f} features in the median "
             f"one): put the object on a patterned cloth or a newspaper, and photograph it in focus"
         )
+    if rings:
+        count = sum(map(len, rings))
+        raise CaptureError(
+            f"the camera stood still for {count} photographs in {folder}, in {len(rings)} "
+            f"{'rings' if len(rings) > 1 else 'ring'}, and what turns fits together in only "
+            f"{found} of {total}, where {least} are needed: turn it by 10° to 15° from one "
+            f"photograph to the next, take the rings from heights that differ by no more than 30°, "
+            f"and come nearer if it is small in the picture"
+        )
     doubts = [] if mapped is None else agreement(work, mapped).sentences()
     if doubts:
         raise CaptureError(

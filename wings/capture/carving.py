@@ -46,17 +46,23 @@ class View:
 
 @dataclass(frozen=True)
 class Hull:
-    """Cubes that are not empty: their centers [n, 3], edges, and which of them are sure [n]."""
+    """Cubes that are not empty.
 
-    centers: np.ndarray
+    Attributes:
+        edge: The length of their edges.
+        shell: Centers of those at the surface, which hide all others.  [n, 3]
+        sure_shell: The same of those that are sure.  [m, 3]
+    """
+
     edge: float
-    sure: np.ndarray
+    shell: np.ndarray
+    sure_shell: np.ndarray
 
     @property
     def box(self):
         """[2, 3]"""
         half = 0.5 * self.edge
-        return np.array([self.centers.min(axis=0) - half, self.centers.max(axis=0) + half])
+        return np.array([self.shell.min(axis=0) - half, self.shell.max(axis=0) + half])
 
 
 def pixels_of(view: View, points):
@@ -114,9 +120,13 @@ def carve(views, points, advance=lambda count: None) -> Hull | None:
         grid = np.zeros((size + 2,) * 3, bool)
         grid[tuple(cubes[filled].T + 1)] = True
         if size >= FINE:
-            at = tuple(cubes[filled].T + 1)
-            inner, deep = (binary_erosion(grid, iterations=n)[at] for n in (1, DEEP))
-            return Hull(centers[filled], edge, inner & (deep | (seen[filled] > SEEN)))
+            inner, deep = (binary_erosion(grid, iterations=n) for n in (1, DEEP))
+            sure = np.zeros_like(grid)
+            sure[tuple(cubes[filled].T + 1)] = seen[filled] > SEEN
+            sure = inner & (deep | sure)
+            shells = grid & ~inner, sure & ~binary_erosion(sure)
+            places = (begin + edge * (np.argwhere(shell) - 0.5) for shell in shells)
+            return Hull(edge, *(place.astype(np.float32) for place in places))
         # What lies beside a filled cube may hold filled ones too small for this size.
         kept = np.argwhere(binary_dilation(grid, np.ones((3, 3, 3)))[1:-1, 1:-1, 1:-1])
         children = np.stack(np.meshgrid(*3 * [np.arange(2)], indexing="ij"), -1).reshape(-1, 3)
@@ -125,11 +135,13 @@ def carve(views, points, advance=lambda count: None) -> Hull | None:
 
 
 def silhouette(view: View, centers, edge: float):
-    """The pixels that cubes cover, and the width of one in pixels.  [h, w] bool, int"""
+    """The pixels that a shell covers, and the width of a cube in pixels.  [h, w] bool, int"""
     from scipy.ndimage import binary_closing
 
     width, height = view.lens[5:].astype(int)
     image = np.zeros((height, width), bool)
+    if not len(centers):
+        return image, 1
     columns, rows, there = pixels_of(view, centers)
     image[rows[there], columns[there]] = True
     depth = np.median(np.linalg.norm(centers - view.pose[:3, 3], axis=1))
@@ -143,7 +155,7 @@ def voted(view: View, hull: Hull) -> np.ndarray:
     """How much of each pixel is the object's after the votes, 0 to 255, or UNTOLD.  [h, w] uint8"""
     from scipy.ndimage import binary_dilation, binary_erosion, label
 
-    covered, cube = silhouette(view, hull.centers, hull.edge)
+    covered, cube = silhouette(view, hull.shell, hull.edge)
     if view.matte is None:
         return np.where(covered, np.uint8(255), np.uint8(0))
     square = np.ones((3, 3))
@@ -157,7 +169,7 @@ def voted(view: View, hull: Hull) -> np.ndarray:
     holes, count = label(own <= 0.5)
     open_ones = np.unique(holes[~covered])
     own[np.isin(holes, np.setdiff1d(np.arange(1, count + 1), open_ones))] = 1.0
-    is_sure = silhouette(view, hull.centers[hull.sure], hull.edge)[0]
+    is_sure = silhouette(view, hull.sure_shell, hull.edge)[0]
     shares = (255.0 * own).round().astype(np.uint8)
     shares[is_open & ~is_sure] = UNTOLD
     return shares

@@ -44,7 +44,7 @@ def find_turning(work: Work, begin) -> list[tuple[int, ...]]:
     Args:
         begin: Phases.phase.
     """
-    rings = find_rings(work)
+    rings = find_rings(work, begin)
     if sum(map(len, rings)) < HALF * len(work.photos):
         return []
     if not work.masks:
@@ -108,13 +108,13 @@ def find_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
 def view_of(work: Work, mapped: Mapped, row: int) -> View:
     """A photograph that has a camera, with its matte, or with the user's mask as such."""
     number = int(mapped.numbers[row])
-    size = size_of(work, number)
+    matte = work.matte(number)
+    size = size_of(work, number) if matte is None else matte.shape[::-1]
     lens = mapped.lenses[row].copy()
     scale = np.array(size) / lens[5:]
     lens[[0, 1]] *= scale
     lens[[2, 3]] *= scale
     lens[5:] = size
-    matte = work.matte(number)
     if work.masks:
         mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
         matte = np.where(mask > 127, np.uint8(255), np.uint8(BACKGROUND))
