@@ -94,7 +94,7 @@ def test_pieces_reach_from_the_camera_to_far_away(device):
     rng = np.random.default_rng()
     origins, directions = rays_at(rng.uniform(*BOX, (50, 3)), rng)
     _, _, t = pieces(origins, directions, device)
-    assert t[:, 0].max() < 0.2
+    assert t[:, 0].max() < 3.2 / FRONT_PIECES  # as long as the way to the box allows
     assert t[:, -1].min() > 10.0
 
 
