@@ -10,6 +10,7 @@ import warp as wp
 from ..field import below_pixel, level_edges, narrowest_pixel
 from ..render import in_space
 from .data.datasets import Dataset
+from .data.masks import UNTOLD
 from .data.raybank import RayBank
 from .data.scene_box import are_photographs, learns_surroundings
 from .data.sharpness import gray_of, sharpness_of, sharpness_weights
@@ -72,8 +73,19 @@ def photographed_rays(
     if weights is not None:
         say(said_of_blur(dataset, weights))
     around = learns_surroundings(options.surroundings, dataset)
-    bank.draw_from(box, weights, ASIDE if around else 0.0, dataset.masked)
+    bank.draw_from(box, weights, ASIDE if around else 0.0, untold_pixels(dataset))
     return bank
+
+
+def untold_pixels(dataset: Dataset):
+    """Pixels of which their masks don't tell whether they show the object; None if there are none.
+
+    [P] bool
+    """
+    if not dataset.masked:
+        return None
+    untold = dataset.pixels[:, 3] == UNTOLD
+    return untold if untold.any() else None
 
 
 def view_weights(dataset: Dataset, options: TrainOptions):

@@ -55,6 +55,7 @@ class Capture:
         rings: The photographs of each place where the camera stood still, by number.
         found: Masks, and the object's box, if masks or rings tell them.
         masks_at: Where the masks were written; None if none were.
+        whole: Whether all of each photograph was followed, though the user gave masks.
     """
 
     folder: Path
@@ -68,6 +69,7 @@ class Capture:
     rings: tuple[tuple[int, ...], ...] = ()
     found: FoundMasks | None = None
     masks_at: Path | None = None
+    whole: bool = False
 
 
 def find_cameras(
@@ -131,6 +133,7 @@ def find_cameras(
         tuple(rings),
         found,
         write_masks(folder, photos, found) if found and found.masks else None,
+        bool(given) and not work.is_cut,
     )
     write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
     work.remove()
@@ -334,6 +337,14 @@ def summary(capture: Capture) -> str:
             f"\nWhat turns was cut out by masks, in {capture.masks_at}: mend what is wrong there, "
             f"or give others by --masks."
         )
+    if capture.whole:
+        text += (
+            "\nBy what the masks show, fewer photographs have a camera: all that the photographs "
+            "show was followed."
+        )
+    if capture.found:
+        box = " ".join(f"{value:.3g}" for value in capture.found.box.ravel())
+        text += f"\nThe object's box is what the masks leave, about --aabb {box}."
     if capture.left_out:
         shown = ", ".join(capture.left_out[:NAMES_SHOWN])
         more = len(capture.left_out) - NAMES_SHOWN

@@ -57,7 +57,7 @@ def find_features(work: Work, begin) -> list[str]:
     if work.is_cut:
         options.sift.peak_threshold = FAINT
     with begin(
-        "Finding the object's" if work.is_cut else "Finding features", len(work.photos), len(done)
+        "Features of the object" if work.is_cut else "Finding features", len(work.photos), len(done)
     ) as advance:
         for first in range(0, len(todo), at_once):
             numbers = todo[first : first + at_once]

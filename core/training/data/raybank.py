@@ -14,7 +14,6 @@ import warp as wp
 
 from ...render import Camera, DeviceCamera, camera_ray, device_camera, in_space
 from .datasets import Dataset, check_pixel_count
-from .masks import UNTOLD
 
 DRAW = wp.constant(1 << 30)  # so that a ray's pixel and its jitter have different random numbers
 # What a bank's limits have for a pixel: a number of samples, or one of these.
@@ -172,22 +171,21 @@ class RayBank:
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self.bank.pool = wp.empty(0, dtype=int)
-        self.alphas = dataset.pixels[:, 3]  # a view of them
         # View by view: all pixels may be most of the memory.
         views = pairwise(dataset.first_pixels)
         counts = [np.count_nonzero(dataset.pixels[start:end, 3]) for start, end in views]
         self.object_pixel_count = int(sum(counts))
 
-    def draw_from(self, box=None, shares=None, others=0.0, masked=False):
+    def draw_from(self, box=None, shares=None, others=0.0, untold=None):
         """Draw only some pixels from now on; all, if none of these is left.
 
         Args:
             box: Those whose rays meet it.  [2, 3]
             shares: Of each view's pixels, that are drawn from; chosen at random.  [N]
             others: So many of the drawn ones, at most, are other rays than the box's; at random.
-            masked: Those that masks call UNTOLD are not drawn.
+            untold: Pixels that are not drawn.  [P] bool
         """
-        if box is None and shares is None and not masked:
+        if box is None and shares is None and untold is None:
             return
         chosen = np.ones(self.pixel_count, bool)
         if box is not None:
@@ -203,8 +201,8 @@ class RayBank:
             meets = chosen[start:end]
             chances = np.where(meets, 1.0, aside) * (1.0 if shares is None else shares[view])
             drawn = rng.random(end - start) < chances
-            if masked:
-                drawn &= self.alphas[start:end] != UNTOLD
+            if untold is not None:
+                drawn &= ~untold[start:end]
             count += np.count_nonzero(drawn & meets)
             meets[:] = drawn
         pixels = np.flatnonzero(chosen if count else []).astype(np.int32)

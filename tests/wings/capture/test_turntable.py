@@ -85,6 +85,7 @@ def test_what_was_done_is_told(found):
     told = summary(found)
     assert "The camera stood still: 48 photographs of a turntable in 2 rings." in told
     assert str(found.masks_at) in told
+    assert f"about --aabb {found.found.box[0, 0]:.3g} " in told
 
 
 def test_a_hand_does_not_stand_still(tmp_path):

@@ -39,3 +39,10 @@ def test_raw_files_beside_photographs_are_named(tmp_path):
 def test_a_folder_of_neither_is_none(tmp_path):
     touch(tmp_path, "a.txt")
     assert photo_folder(tmp_path) is None
+
+
+@pytest.mark.parametrize("name", ["masks", "Mask", "masks-2"])
+def test_a_folder_of_masks_holds_no_photographs(tmp_path, name):
+    touch(tmp_path / "pictures", "a.png")
+    touch(tmp_path / name, "a.png")
+    assert photo_folder(tmp_path) == tmp_path / "pictures"

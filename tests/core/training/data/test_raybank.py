@@ -6,7 +6,7 @@ import warp as wp
 from image_datasets import from_images
 
 from deformrf.core.render import Camera, Lens, camera_rays, in_space, look_at
-from deformrf.core.training import UNTOLD, world_to_unit_cube
+from deformrf.core.training import world_to_unit_cube
 from deformrf.core.training.data.raybank import EMPTY, MOST_TRIES, NO_LIMIT, RayBank, empty_drawn
 
 LENSES = (
@@ -141,12 +141,12 @@ def test_of_views_that_count_less_fewer_pixels_are_drawn(device):
     assert len(bank.bank.pool) == 0, "all, if none is left"
 
 
-def test_what_masks_leave_untold_is_not_drawn(device):
+def test_pixels_that_are_left_out_are_not_drawn(device):
     dataset = views()
-    dataset.pixels[::3, 3] = UNTOLD
     bank = RayBank(dataset, np.eye(4), device)
     drawn, seed = empty_drawn(2000, device), wp.zeros(1, dtype=int, device=device)
-    bank.draw_from(masked=True)
+    untold = np.arange(bank.pixel_count) % 3 == 0
+    bank.draw_from(untold=untold)
     bank.draw(seed, drawn)
-    told = np.flatnonzero(dataset.pixels[:, 3] != UNTOLD)
+    told = np.flatnonzero(~untold)
     np.testing.assert_array_equal(np.unique(drawn.pixels.numpy()), told)
