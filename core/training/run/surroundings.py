@@ -35,7 +35,7 @@ from ...field import (
 )
 from .differentiable import Composite
 
-FRONT_PIECES, BEHIND_PIECES = 8, 24
+FRONT_PIECES, BEHIND_PIECES = 16, 48
 NEAR = 0.05  # from the camera; nothing is photographed from closer [model units]
 INITIAL_CONTRAST = 1e-4  # of the features
 INITIAL_LOG_SIGMA = -2.0  # the object has to be seen through it
