@@ -9,7 +9,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageFilter
 
 from ...core.base.device import thread_count
 from ...core.base.images import ImageError
@@ -19,6 +19,7 @@ from .photos import read_photo
 from .work import PAIRS, Look, Work, name_of, number_of
 
 MOST_FEATURES = 4096  # of a photograph; the strongest
+BEYOND = 0.005  # of the longer side: features so far outside of the user's masks are kept
 FAINT = 0.002  # pycolmap's peak_threshold, which is 0.0067 for whole photographs
 FOCAL_FACTOR = 1.2  # focal length over the longer side, where EXIF doesn't say
 EXHAUSTIVE = 200  # photographs up to which all pairs are matched
@@ -109,6 +110,9 @@ def object_mask(work: Work, number: int, size) -> np.ndarray:
     """
     if work.masks:
         mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
+        # Corners of the outline count, whose features lie half outside.
+        reach = 2 * round(BEYOND * max(size)) + 1
+        mask = np.asarray(Image.fromarray(mask).filter(ImageFilter.MaxFilter(reach)))
     elif (mask := work.matte(number)) is None:
         return np.full(size[::-1], 255, np.uint8)
     else:
