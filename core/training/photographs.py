@@ -10,12 +10,12 @@ import warp as wp
 from ..field import below_pixel, level_edges, narrowest_pixel
 from ..render import in_space
 from .data.datasets import Dataset
-from .data.masks import UNTOLD
 from .data.raybank import RayBank
 from .data.scene_box import are_photographs, learns_surroundings
 from .data.sharpness import gray_of, sharpness_of, sharpness_weights
 from .run.distributed import Workers
 from .run.exposure import LearnedExposure
+from .run.plates import LearnedPlates, untold_pixels
 from .train_options import TrainOptions
 
 NAMES_SHOWN = 4
@@ -60,12 +60,19 @@ def needed_exposure(exposure, report: dict, workers: Workers) -> LearnedExposure
 
 
 def photographed_rays(
-    dataset: Dataset, options: TrainOptions, world_to_model, device, box, say
+    dataset: Dataset,
+    options: TrainOptions,
+    world_to_model,
+    device,
+    box,
+    plates: LearnedPlates | None,
+    say,
 ) -> RayBank:
     """The rays of all views; of blurred photographs fewer are drawn.
 
     Args:
         box: Almost all rays that are drawn meet it, in model space; None: any.  [2, 3]
+        plates: Behind pixels whose masks don't tell; without plates these are not drawn.
         say: Called with a sentence for the user.
     """
     bank = RayBank(dataset, world_to_model, device)
@@ -73,19 +80,11 @@ def photographed_rays(
     if weights is not None:
         say(said_of_blur(dataset, weights))
     around = learns_surroundings(options.surroundings, dataset)
-    bank.draw_from(box, weights, ASIDE if around else 0.0, untold_pixels(dataset))
+    untold = untold_pixels(dataset)
+    if untold is not None and plates is not None:
+        untold &= ~plates.reach()
+    bank.draw_from(box, weights, ASIDE if around else 0.0, untold)
     return bank
-
-
-def untold_pixels(dataset: Dataset):
-    """Pixels of which their masks don't tell whether they show the object; None if there are none.
-
-    [P] bool
-    """
-    if not dataset.masked:
-        return None
-    untold = dataset.pixels[:, 3] == UNTOLD
-    return untold if untold.any() else None
 
 
 def view_weights(dataset: Dataset, options: TrainOptions):

@@ -139,7 +139,7 @@ class _Run:
     def __post_init__(self):
         self.start = self.saved = time.perf_counter()
         self.stage = 0  # 1 or 2 once there is a field
-        self.field = self.optimization = self.surroundings = self.exposure = None
+        self.field = self.optimization = self.surroundings = self.exposure = self.plates = None
         self.memory = [0, 0]  # bytes at most, of each stage
         self.resumable = bool(self.resumed and self.checkpoint_path)
         self.saved_place = None  # stage and step of the last checkpoint that was written
@@ -183,11 +183,14 @@ class _Run:
         self.exposure = photographs.learned_exposure(
             self.dataset, self.options, self.device, self.report
         )
+        torch_device = wp.device_to_torch(wp.get_device(self.device))
+        self.plates = photographs.learned_plates(self.dataset, torch_device)
         interrupted, diverged, out_of_memory = False, None, None
         try:
             self.bank = photographs.photographed_rays(
                 *(self.dataset, self.options, self.world_to_model, self.device),
                 self.found and self.found.seen,
+                self.plates,
                 self.progress.say,
             )
             if self.resumed:  # another version's grid may order corners otherwise
@@ -256,6 +259,7 @@ class _Run:
             self.workers,
             self.found and self.found.space,
             self.exposure,
+            self.plates,
         )
         if field.device.is_cuda:
             torch.cuda.reset_peak_memory_stats()

@@ -25,6 +25,7 @@ from .page import gaps_of
 from .phases import Phases
 from .photos import IMAGE_SIZE, CaptureError, Photo, find_photos
 from .standing import checked
+from .still import find_still
 from .turntable import FoundMasks, find_masks, find_turning, said_of
 from .work import Work, open_work
 
@@ -149,6 +150,7 @@ def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped
         The work with the features that were used, too.
     """
     whole, tried = work, []
+    still = find_still(work, rings) if len(rings) > 1 else None
     if rings or work.masks:
         tried = [replace(work, is_cut=True)]
         find_features(tried[0], begin)
@@ -157,7 +159,7 @@ def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped
     best = None
     for work in tried:
         match_photos(work, is_sequence, begin)
-        mapped = map_photos(work, begin, rings)
+        mapped = map_photos(work, begin, rings, still)
         if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):
             best = work, mapped
         if mapped and count_of(mapped) >= ENOUGH * len(work.photos):
@@ -272,8 +274,9 @@ def write(capture: Capture, sharpness: dict):
     """Write transforms.json, which is never overwritten, and points.npz."""
     frames = []
     mapped = capture.mapped
-    rows = zip(capture.photos, mapped.poses, mapped.lenses, sharpness.values(), strict=True)
-    for photo, pose, lens, sharp in rows:
+    rings = {number: r for r, ring in enumerate(capture.rings) for number in ring}
+    rows = zip(mapped.numbers.tolist(), capture.photos, mapped.poses, mapped.lenses, strict=True)
+    for number, photo, pose, lens in rows:
         # pycolmap's pixels, and ours, have their center at ½, so the lens is scaled alone.
         x, y = photo.size[0] / lens[5], photo.size[1] / lens[6]
         numbers = {"w": photo.size[0], "h": photo.size[1]}
@@ -281,12 +284,14 @@ def write(capture: Capture, sharpness: dict):
         frame = {
             "file_path": photo.path.relative_to(capture.folder).as_posix(),
             "transform_matrix": pose.tolist(),
-            "sharpness": sharp,
+            "sharpness": sharpness[number],
             **numbers,
             "k1": lens[4],
         }
         if photo.is_turned:
             frame["upright"] = True
+        if number in rings:
+            frame["ring"] = rings[number]
         if capture.masks_at:
             frame["mask_path"] = f"{capture.masks_at.name}/{mask_name(photo)}"
         frames.append(frame)

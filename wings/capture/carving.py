@@ -25,7 +25,7 @@ OUTLIERS = 1.0  # percent of these points at each side
 MOST = 0.15  # of the views that know something
 HALF = 0.5  # how much a view counts that doesn't know
 SEEN = 0.5  # of the views saw a cube as the object: then it is sure
-DEEP = 3  # cubes from the hull's surface, from where on all are sure
+DEEP = 6  # cubes from the hull's surface, from where on all are sure
 WITHIN, BEYOND = 2, 2  # cubes of the hull, as wide as pixels, in which the pixel's matte decides
 
 
@@ -163,7 +163,7 @@ def voted(view: View, hull: Hull) -> np.ndarray:
     beyond = binary_dilation(covered, square, iterations=BEYOND * cube)
     shares = (view.matte.astype(float) - UNKNOWN) / (OBJECT - UNKNOWN)
     own = np.where(beyond, np.maximum(shares, 0.0), 0.0)
-    is_open = (view.matte == UNKNOWN) & covered & ~within
+    is_open = (view.matte == UNKNOWN) & covered
     own[within | is_open] = 1.0
     # A hole of the matte that lies all within the silhouette is none.
     holes, count = label(own <= 0.5)

@@ -4,15 +4,21 @@ In a ring (still.py) the object turns about one axis before one camera, so each 
 photographs leaves a single number open, its angle.  A point X of the object is, seen by camera i of
 ring r,
 
-    x = L_r R_z(a_i) (A_r X + b_r) + l_r,    pixel = f (1 + k |q|²) q + c,   q = x_{1,2} / x_3
+    x = L_r R_z(a_i) (A_s X + b_s) + l_r,    pixel = f (1 + k |q|²) q + c,   q = x_{1,2} / x_3
 
-with rotations L_r, A_r, shifts l_r, b_r, and the turn R_z(a) about z.  A photograph outside of all
-rings is a ring of one, with its angle fixed.  Levenberg-Marquardt minimizes the sum of
-log(1 + |pixel - feature|²) over all features; points are eliminated (Triggs et al. 2000, Bundle
-Adjustment - A Modern Synthesis, section 6).
+with rotations L_r, A_s, shifts l_r, b_s, and the turn R_z(a) about z.  The stand s says how the
+object stands on what turns: stand 0 is fixed, A_0 = I, b_0 = 0, without a turn.  A photograph
+outside of all rings is a ring of one, on stand 0.  Levenberg-Marquardt minimizes the sum of
+log(1 + |w (pixel - feature)|²) over all features; points are eliminated (Triggs et al. 2000, Bundle
+Adjustment - A Modern Synthesis, section 6).  The weight w falls with the feature's scale, as its
+exactness does.
 
 So a camera of 24 has a tenth of the error that it has alone.  Whoever turns the object by hand
 turns it about a new axis each time; then circles don't fit, and the cameras stay as they were.
+
+An object that fills a small part of the photographs tells little of the lens, and a lens that is
+off tilts the cameras.  If the object keeps its stand from ring to ring, what stands still tells
+more: each ring has one more camera, on stand 0, that sees the background.
 """
 
 from dataclasses import dataclass, replace
@@ -20,10 +26,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .library import load_pycolmap
+from .still import Still
 
 STEPS = 40
 ENOUGH = 1e-6  # of the cost: a step that gains less is the last one
 WORSE = 1.5  # times the error of free cameras: then the object was not turned about an axis
+SAME_STAND = 1.1  # times the error of rings with axes of their own: the object kept its stand
+UNDISTORTIONS = 10  # steps of a fixed point
 FITTED = 4  # photographs of a ring at least, whose axis can be told
 
 
@@ -35,6 +44,7 @@ class Observed:
         cameras: The camera of each feature, a row of the cameras.  [m] int
         points: The point that it shows.  [m] int
         pixels: Where it is.  [m, 2]
+        weights: How exact that is; 1 at their median.  [m]
         lenses: The lens of each camera.  [n] int
         centers: Of each lens [pixels].  [d, 2]
     """
@@ -42,6 +52,7 @@ class Observed:
     cameras: np.ndarray
     points: np.ndarray
     pixels: np.ndarray
+    weights: np.ndarray
     lenses: np.ndarray
     centers: np.ndarray
 
@@ -51,15 +62,16 @@ class Rings:
     """All that is adjusted; the names are those of the module's formula.
 
     Attributes:
-        ring: Of each camera.  [n] int
-        L, A: [r, 3, 3]
-        shift, b: l and b.  [r, 3]
+        ring, stand: Of each camera.  [n] int
+        L, shift: L and l of each ring.  [r, 3, 3], [r, 3]
+        A, b: Of each stand; of the first they are fixed.  [s, 3, 3], [s, 3]
         angle: [n]
         focal, k: Of each lens.  [d]
         points: [p, 3]
     """
 
     ring: np.ndarray
+    stand: np.ndarray
     L: np.ndarray
     shift: np.ndarray
     A: np.ndarray
@@ -72,8 +84,8 @@ class Rings:
     def cameras(self):
         """World to camera: rotations [n, 3, 3] and shifts [n, 3]."""
         left = self.L[self.ring] @ about_z(self.angle)
-        shift = np.einsum("nij,nj->ni", left, self.b[self.ring]) + self.shift[self.ring]
-        return left @ self.A[self.ring], shift
+        shift = np.einsum("nij,nj->ni", left, self.b[self.stand]) + self.shift[self.ring]
+        return left @ self.A[self.stand], shift
 
 
 def about_z(angle):
@@ -106,33 +118,39 @@ def nearest_rotation(matrix):
     return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
 
 
-def first_rings(groups, turns, shifts, focal, k, points) -> Rings:
+def first_rings(groups, turns, shifts, focal, k, points, one_stand=False) -> Rings:
     """Rings that fit free cameras.
 
     Args:
         groups: The cameras of each ring, as rows; the others are rings of one.
         turns, shifts: World to camera.  [n, 3, 3], [n, 3]
+        one_stand: Whether the object stands in all rings as in the longest one.
     """
     count = len(turns)
     groups = [list(group) for group in groups if len(group) >= FITTED]
+    longest = max(groups, key=len, default=None)
     groups += [[n] for n in range(count) if not any(n in group for group in groups)]
-    ring, angle = np.zeros(count, int), np.zeros(count)
-    L, A = np.zeros((2, len(groups), 3, 3))
-    shift, b = np.zeros((2, len(groups), 3))
+    ring, stand = np.zeros((2, count), int)
+    angle, L, shift = np.zeros(count), np.zeros((len(groups), 3, 3)), np.zeros((len(groups), 3))
+    A, b = [np.eye(3)], [np.zeros(3)]
     for r, group in enumerate(groups):
         ring[group] = r
         if len(group) == 1:
-            L[r], shift[r], A[r] = turns[group[0]], shifts[group[0]], np.eye(3)
+            L[r], shift[r] = turns[group[0]], shifts[group[0]]
             continue
-        A[r], b[r] = axis_of(turns[group], shifts[group])
-        turned = turns[group] @ A[r].T
+        if len(A) == 1 or not one_stand:
+            of = longest if one_stand else group
+            for values, value in zip((A, b), axis_of(turns[of], shifts[of]), strict=True):
+                values.append(value)
+        stand[group] = len(A) - 1
+        turned = turns[group] @ A[-1].T
         off = np.swapaxes(turned[:1], 1, 2) @ turned
         angle[group] = np.arctan2(off[:, 1, 0] - off[:, 0, 1], off[:, 0, 0] + off[:, 1, 1])
         back = about_z(-angle[group])
         L[r] = nearest_rotation(np.median(turned @ back, axis=0))
-        at = np.einsum("ij,njk,k->ni", L[r], about_z(angle[group]), b[r])
+        at = np.einsum("ij,njk,k->ni", L[r], about_z(angle[group]), b[-1])
         shift[r] = np.median(shifts[group] - at, axis=0)
-    return Rings(ring, L, shift, A, b, angle, focal, k, points)
+    return Rings(ring, stand, L, shift, np.array(A), np.array(b), angle, focal, k, points)
 
 
 def axis_of(turns, shifts):
@@ -167,7 +185,7 @@ def pixels_of(rings: Rings, seen: Observed):
 
 
 def cost(rings: Rings, seen: Observed) -> float:
-    off = pixels_of(rings, seen) - seen.pixels
+    off = seen.weights[:, None] * (pixels_of(rings, seen) - seen.pixels)
     value = np.log1p((off**2).sum(axis=1)).sum()
     return float(value) if np.isfinite(value) else np.inf
 
@@ -177,11 +195,11 @@ def blocks(rings: Rings, seen: Observed):
 
     The last ones are the points'.
     """
-    ring, lens = rings.ring[seen.cameras], seen.lenses[seen.cameras]
-    count, n, d = len(rings.L), len(rings.angle), len(rings.focal)
-    A, turn = rings.A[ring], about_z(rings.angle)[seen.cameras]
+    ring, stand, lens = (a[seen.cameras] for a in (rings.ring, rings.stand, seen.lenses))
+    n, d = len(rings.angle), len(rings.focal)
+    A, turn = rings.A[stand], about_z(rings.angle)[seen.cameras]
     AX = np.einsum("nij,nj->ni", A, rings.points[seen.points])
-    turned = np.einsum("nij,nj->ni", turn, AX + rings.b[ring])
+    turned = np.einsum("nij,nj->ni", turn, AX + rings.b[stand])
     left = np.einsum("nij,nj->ni", rings.L[ring], turned)
     x = left + rings.shift[ring]
     q, depth = x[:, :2] / x[:, 2:], x[:, 2]
@@ -195,14 +213,14 @@ def blocks(rings: Rings, seen: Observed):
     by_y = by_x @ rings.L[ring] @ turn
     spin = np.cross([0.0, 0.0, 1.0], turned)
     by_angle = np.einsum("nij,nj->ni", by_x @ rings.L[ring], spin)[:, :, None]
-    # A ring of one has no axis, and no angle.
-    has_axis = (np.bincount(rings.ring)[ring] > 1)[:, None, None]
-    by_angle = has_axis * by_angle
-    of_axis = (has_axis * (by_y @ -cross_matrix(AX)), has_axis * by_y)
-    of_ring = (by_x @ -cross_matrix(left), by_x, *of_axis)
-    yield from ((12 * ring + 3 * i, matrix) for i, matrix in enumerate(of_ring))
-    first = 12 * count
-    yield first + seen.cameras, by_angle
+    turns = (stand > 0)[:, None, None]
+    yield 6 * ring, by_x @ -cross_matrix(left)
+    yield 6 * ring + 3, by_x
+    first = 6 * len(rings.L)
+    yield first + 6 * stand, turns * (by_y @ -cross_matrix(AX))
+    yield first + 6 * stand + 3, turns * by_y
+    first += 6 * len(rings.A)
+    yield first + seen.cameras, turns * by_angle
     yield first + n + lens, (radial[:, None] * q)[:, :, None]
     yield first + n + d + lens, (focal * square)[:, None, None] * q[:, :, None]
     yield first + n + 2 * d + 3 * seen.points, by_y @ A
@@ -213,9 +231,9 @@ def step(rings: Rings, seen: Observed, damping: float) -> Rings:
     from scipy.sparse import csr_array
 
     off = pixels_of(rings, seen) - seen.pixels
-    weights = 1.0 / np.sqrt(1.0 + (off**2).sum(axis=1))
+    weights = seen.weights / np.sqrt(1.0 + ((seen.weights[:, None] * off) ** 2).sum(axis=1))
     m, p = len(off), len(rings.points)
-    total = 12 * len(rings.L) + len(rings.angle) + 2 * len(rings.focal)
+    total = 6 * len(rings.L) + 6 * len(rings.A) + len(rings.angle) + 2 * len(rings.focal)
     rows, columns, values = [], [], []
     for first, matrix in blocks(rings, seen):
         width = matrix.shape[2]
@@ -258,15 +276,15 @@ def inverse_blocks(points, count: int, damping: float):
 
 def changed(rings: Rings, unknown, moved) -> Rings:
     """Rings after a step, in the order of `blocks`."""
-    count, n, d = len(rings.L), len(rings.angle), len(rings.focal)
-    of_ring = unknown[: 12 * count].reshape(count, 4, 3)
-    angle, focal, k = np.split(unknown[12 * count :], np.cumsum([n, d]))
+    lengths = 6 * len(rings.L), 6 * len(rings.A), len(rings.angle), len(rings.focal)
+    of_rings, of_stands, angle, focal, k = np.split(unknown, np.cumsum(lengths))
+    of_rings, of_stands = of_rings.reshape(-1, 2, 3), of_stands.reshape(-1, 2, 3)
     return replace(
         rings,
-        L=by_vector(of_ring[:, 0]) @ rings.L,
-        shift=rings.shift + of_ring[:, 1],
-        A=by_vector(of_ring[:, 2]) @ rings.A,
-        b=rings.b + of_ring[:, 3],
+        L=by_vector(of_rings[:, 0]) @ rings.L,
+        shift=rings.shift + of_rings[:, 1],
+        A=by_vector(of_stands[:, 0]) @ rings.A,
+        b=rings.b + of_stands[:, 1],
         angle=rings.angle + angle,
         focal=rings.focal + focal,
         k=rings.k + k,
@@ -297,52 +315,138 @@ def adjust(rings: Rings, seen: Observed, advance=lambda count: None) -> Rings:
     return rings
 
 
-def on_circles(found, groups, numbers, advance=lambda count: None) -> bool:
+def on_circles(found, groups, numbers, scales, still=None, advance=lambda count: None) -> bool:
     """Adjust the cameras of one of pycolmap's reconstructions, if they fit on circles.
 
     Args:
         found: The reconstruction, which is changed.
         groups: The photographs of each ring, by number.
         numbers: The photograph of each of its images, by their ids.
+        scales: By the photograph's number, those of its features [pixels].
+        still: What stands still behind the rings, if anything is known of it.
 
     Returns:
         Whether they do.
     """
     images = sorted(found.reg_image_ids(), key=numbers.get)
     rows = {numbers[key]: row for row, key in enumerate(images)}
-    groups = [[rows[n] for n in group if n in rows] for group in groups]
-    if not any(len(group) >= FITTED for group in groups):
+    places = [[rows[n] for n in group if n in rows] for group in groups]
+    fitted = [r for r, group in enumerate(places) if len(group) >= FITTED]
+    if not fitted:
         return False
-    seen, points = seen_in(found, images)
+    seen, points = seen_in(found, images, [scales[numbers[key]] for key in images])
     lenses = sorted({found.images[key].camera_id for key in images})
     focal, k = np.array([found.cameras[key].params[[0, 3]] for key in lenses]).T
     matrices = np.array([found.images[key].cam_from_world().matrix() for key in images])
-    turns, shifts = matrices[:, :, :3], matrices[:, :, 3]
-    free = first_rings([], turns, shifts, focal, k, points)
-    rings = adjust(first_rings(groups, turns, shifts, focal, k, points), seen, advance)
-    errors = [
-        np.median(np.linalg.norm(pixels_of(r, seen) - seen.pixels, axis=1)) for r in (free, rings)
-    ]
-    if not errors[1] < WORSE * errors[0]:
+    free = matrices[:, :, :3], matrices[:, :, 3], focal, k, points
+    rings = adjust(first_rings(places, *free), seen, advance)
+    if not error(rings, seen) < WORSE * error(first_rings([], *free), seen):
         return False
+    if still is not None and len(fitted) > 1:
+        before = *rings.cameras(), rings.focal, rings.k, rings.points
+        one = first_rings(places, *before, one_stand=True)
+        one = adjust(one, seen, lambda count: advance(STEPS + count))
+        numbered = {ring: r for r, ring in enumerate(fitted)}
+        both = with_background(one, seen, still, numbered)
+        joined = adjust(*both, lambda count: advance(2 * STEPS + count))
+        rings = without_background(joined, rings, seen)
+    advance(3 * STEPS)
     put_back(found, images, lenses, rings)
     return True
 
 
-def seen_in(found, images):
+def error(rings: Rings, seen: Observed) -> float:
+    """The median distance of features from where their points are seen [pixels]."""
+    return float(np.median(np.linalg.norm(pixels_of(rings, seen) - seen.pixels, axis=1)))
+
+
+def with_background(rings: Rings, seen: Observed, still: Still, numbered: dict):
+    """Rings with one more camera for each that has an axis, and what these see of the background.
+
+    Args:
+        numbered: The number here of each of the rings that `still` numbers.
+    """
+    used = np.array([set(pair) <= numbered.keys() for pair in still.rings.tolist()], bool)
+    pairs = np.array([[numbered[r] for r in pair] for pair in still.rings[used].tolist()])
+    pairs, pixels = pairs.reshape(-1, 2), still.pixels[used]
+    scales = still.scales[used]
+    count, first = len(numbered), [np.flatnonzero(rings.ring == r)[0] for r in range(len(numbered))]
+    lens = seen.lenses[first]
+    origins, directions = np.zeros((2, len(pairs), 2, 3))
+    for side in range(2):
+        r = pairs[:, side]
+        q = (pixels[:, side] - seen.centers[lens[r]]) / rings.focal[lens[r], None]
+        away = np.concatenate([without_distortion(q, rings.k[lens[r]]), np.ones((len(q), 1))], 1)
+        directions[:, side] = np.einsum("nji,nj->ni", rings.L[r], away)
+        origins[:, side] = -np.einsum("nji,nj->ni", rings.L[r], rings.shift[r])
+    points, ahead = nearest_to_rays(origins, directions)
+    more = replace(
+        rings,
+        ring=np.concatenate([rings.ring, np.arange(count)]),
+        stand=np.concatenate([rings.stand, np.zeros(count, int)]),
+        angle=np.concatenate([rings.angle, np.zeros(count)]),
+        points=np.concatenate([rings.points, points[ahead]]),
+    )
+    place = len(rings.points) + np.repeat(np.arange(np.count_nonzero(ahead)), 2)
+    return more, Observed(
+        np.concatenate([seen.cameras, len(rings.ring) + pairs[ahead].ravel()]),
+        np.concatenate([seen.points, place]),
+        np.concatenate([seen.pixels, pixels[ahead].reshape(-1, 2)]),
+        np.concatenate([seen.weights, np.median(scales) / scales[ahead].ravel()]),
+        np.concatenate([seen.lenses, lens]),
+        seen.centers,
+    )
+
+
+def without_background(joined: Rings, alone: Rings, seen: Observed) -> Rings:
+    """The rings of before, adjusted with the background; or alone, if the object was set anew."""
+    count, points = len(alone.ring), len(alone.points)
+    found = replace(
+        joined,
+        ring=joined.ring[:count],
+        stand=joined.stand[:count],
+        angle=joined.angle[:count],
+        points=joined.points[:points],
+    )
+    return found if error(found, seen) < SAME_STAND * error(alone, seen) else alone
+
+
+def without_distortion(q, k):
+    """Where rays are seen without distortion.  [n, 2], [n] -> [n, 2]"""
+    ideal = q
+    for _ in range(UNDISTORTIONS):
+        ideal = q / (1.0 + k[:, None] * (ideal**2).sum(axis=1, keepdims=True))
+    return ideal
+
+
+def nearest_to_rays(origins, directions):
+    """The middle between two rays, and whether it is before both.  [n, 2, 3] -> [n, 3], [n]"""
+    a, b = directions[:, 0], directions[:, 1]
+    off = origins[:, 1] - origins[:, 0]
+    aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+    fall = np.maximum(aa * bb - ab**2, 1e-12 * aa * bb)
+    s = (bb * (a * off).sum(axis=1) - ab * (b * off).sum(axis=1)) / fall
+    t = (ab * (a * off).sum(axis=1) - aa * (b * off).sum(axis=1)) / fall
+    ends = origins + np.stack([s, t], axis=1)[..., None] * directions
+    return ends.mean(axis=1), (s > 0.0) & (t > 0.0)
+
+
+def seen_in(found, images, scales):
     """The features of a reconstruction's images that show points, and these points [p, 3]."""
     rows = {key: row for row, key in enumerate(found.points3D)}
     lenses = sorted({found.images[key].camera_id for key in images})
-    cameras, points, pixels = [], [], []
+    cameras, points, pixels, sizes = [], [], [], []
     for row, key in enumerate(images):
-        shown = [p for p in found.images[key].points2D if p.has_point3D()]
+        shown = [(i, p) for i, p in enumerate(found.images[key].points2D) if p.has_point3D()]
         cameras += [row] * len(shown)
-        points += [rows[p.point3D_id] for p in shown]
-        pixels += [p.xy for p in shown]
+        points += [rows[p.point3D_id] for _, p in shown]
+        pixels += [p.xy for _, p in shown]
+        sizes += [scales[row][i] for i, _ in shown]
     return Observed(
         np.array(cameras),
         np.array(points),
         np.array(pixels).reshape(-1, 2),
+        np.median(sizes or [1.0]) / np.array(sizes),
         np.array([lenses.index(found.images[key].camera_id) for key in images]),
         np.array([found.cameras[key].params[1:3] for key in lenses]),
     ), np.array([point.xyz for point in found.points3D.values()])

@@ -16,6 +16,7 @@ from ...core.training import SparsePoints
 from . import circles
 from .features import LEAST_MATCHES
 from .library import POLL_SECONDS, SEED, interruptible, load_pycolmap
+from .still import scales_of
 from .work import Work, number_of
 
 SMALLEST_GROUP = 4  # photographs of a group that is found at all
@@ -59,12 +60,13 @@ class Mapped:
     is_on_circles: bool = False
 
 
-def map_photos(work: Work, begin, rings=()) -> Mapped | None:
+def map_photos(work: Work, begin, rings=(), still=None) -> Mapped | None:
     """Find the cameras; None if no two photographs fit together.
 
     Args:
         begin: Phases.phase.
         rings: The photographs of each ring (still.py), by number.
+        still: What stands still behind them.
     """
     count = len(connected(work))
     found = incremental(work, begin)
@@ -78,8 +80,13 @@ def map_photos(work: Work, begin, rings=()) -> Mapped | None:
     is_on_circles = False
     if rings:
         numbers = {key: number_of(image.name) for key, image in found[0].images.items()}
-        with begin("Fitting circles", circles.STEPS) as advance:
-            is_on_circles = circles.on_circles(found[0], rings, numbers, advance)
+        with work.database() as database:
+            scales = {
+                number_of(image.name): scales_of(database.read_keypoints(image.image_id))
+                for image in database.read_all_images()
+            }
+        with begin("Fitting circles", 3 * circles.STEPS) as advance:
+            is_on_circles = circles.on_circles(found[0], rings, numbers, scales, still, advance)
     return replace(mapped_of(work, found), is_on_circles=is_on_circles)
 
 

@@ -44,6 +44,8 @@ class Dataset:
         missing: Images that the files name but that are not there.
         bounds: Lowest and highest corner of the object's box, if the files have one.  [2, 3]
         masked: Whether alpha comes from masks of whole photographs.
+        rings: The ring of each view, photographs from a camera that stood still while the object
+            turned; -1 for others.  None if there are none.  [N] int
         said: Sentences about what the user may not expect of the files.
         points: Places on surfaces that were found along with the cameras, if the files have such,
             and if it is for training.  [n, 3]
@@ -59,6 +61,7 @@ class Dataset:
     points: np.ndarray | None = None
     masked: bool = False
     said: tuple[str, ...] = ()
+    rings: np.ndarray | None = None
 
     def __post_init__(self):
         assert len(self.lenses) == len(self.names) == len(self.poses)
@@ -154,6 +157,7 @@ def load_dataset(
         points,
         masked=masked,
         said=said,
+        rings=np.array([image.ring for image in images]) if masked else None,
     )
 
 

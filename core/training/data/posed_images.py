@@ -39,6 +39,7 @@ class PosedImage:
     turning: "Turning | None" = None  # what tells it where they don't
     mask: Path | None = None  # that the files name for it; None: it isn't there either
     mask_name: str = ""  # as the files name it
+    ring: int = -1  # of photographs from one camera that stood still; -1: it is in none
 
 
 class Listing(NamedTuple):

@@ -5,7 +5,8 @@ radians.  The other two may have one transforms.json for all splits, with fl_x, 
 in pixels and OpenCV's distortion k1, k2, k3, k4, p1, p2, for all frames or for each.  Each of
 `frames` has a `file_path` (see foreign_paths.py) and a `transform_matrix`, and optionally the
 `mask_path` of a mask (masks.py).  wings/capture writes `upright: true`, which says that the cameras
-are those of the images after EXIF rotation.
+are those of the images after EXIF rotation, and `ring`, the number of the place where the camera
+stood still while the object turned.
 
 If a transforms.json has no splits, every eighth of its images is a test image;
 nerfstudio's lists train_filenames, val_filenames and test_filenames take precedence.
@@ -31,6 +32,7 @@ from .posed_images import (
     rigid_pose,
 )
 
+MOST_RINGS = 10_000
 PERSPECTIVE = {None, "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
 
 
@@ -140,7 +142,18 @@ def posed(scene, frame, image, mask, path) -> PosedImage:
     upright = frame.get("upright") is True
     lens = lens_reader(values, path)
     mask_name = frame.get("mask_path") or ""
-    return PosedImage(image, pose, lens, stated, upright, mask=mask, mask_name=mask_name)
+    ring = ring_of(frame, path)
+    return PosedImage(image, pose, lens, stated, upright, mask=mask, mask_name=mask_name, ring=ring)
+
+
+def ring_of(frame, path) -> int:
+    """The number of a frame's ring, which wings/capture writes; -1 without one."""
+    ring = frame.get("ring")
+    if ring is None:
+        return -1
+    if not isinstance(ring, float) or not 0.0 <= ring < MOST_RINGS or ring % 1.0:
+        raise DatasetError(f"{path} has ring = {shown(ring)}: it has to be a whole number")
+    return int(ring)
 
 
 def masks_of(frames, path):

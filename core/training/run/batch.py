@@ -115,7 +115,7 @@ class Batch:
 
     Attributes:
         samples: Samples of all rays that fit, without gaps, then tet = -1.  [N]
-        origins, directions, rgba, background, views: The same as torch tensors.
+        origins, directions, rgba, background, views, pixels: The same as torch tensors.
         counts, ends: Number of each ray's samples, and its inclusive scan.  [R]
         drawn: The rays, and the colors that they should see.
         basis: Spherical harmonics of the samples' directions; None without `harmonics`.
@@ -149,6 +149,7 @@ class Batch:
         self.rgba = wp.to_torch(self.drawn.rgba)
         self.background = wp.to_torch(self.drawn.background)
         self.views = wp.to_torch(self.drawn.views)
+        self.pixels = wp.to_torch(self.drawn.pixels)
         self.tries = wp.to_torch(self.drawn.tries)
         self.seed = wp.zeros(1, dtype=int, device=device)
         self.counts = wp.zeros(ray_count, dtype=int, device=device)

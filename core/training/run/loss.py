@@ -2,7 +2,8 @@
 
 If surroundings are trained, `surrounded_cost` takes the place of the distortion's cost.  If
 photographs differ in exposure, each has a color map (exposure.py), which is applied to the model's
-colors before they are compared; the maps have a cost, too.
+colors before they are compared; the maps have a cost, too.  Where masks don't tell the object, what
+stood still is behind it (plates.py).
 
 Excess is a cost on a color's logits beyond ±8.  An object of one color drives a wide network there
 in the first steps, and then no error changes its colors again.  Every color that 8 bits can tell
@@ -55,6 +56,11 @@ def training_loss(
         cost = surrounded_cost(distortion_weight, distortion, opacity, front[1])
         color = over(front, color, opacity, behind)
         opacity = torch.ones_like(opacity)
+    if field.plates is not None:
+        plate, untold = field.plates(batch.pixels)
+        behind = untold * (1.0 - opacity)
+        color, opacity = color + behind[:, None] * plate, opacity + behind
+        alpha = torch.maximum(alpha, untold[:, None])
     if field.exposure is not None:
         color = field.exposure(color, opacity, batch.views)
     if not field.surroundings:

@@ -76,6 +76,7 @@ class TrainingField:
     Args:
         surroundings: LearnedSurroundings that learn beside it, or None.
         exposure: LearnedExposure of the photographs, or None.
+        plates: LearnedPlates behind the object, or None.
         subtet_mask: If false, a tet is occupied as a whole as soon as one sub-tet is.
         box: Sub-tets whose middle lies outside of it never hold anything; None: no such box.
             [2, 3]
@@ -92,11 +93,12 @@ class TrainingField:
         workers: Workers = ALONE,
         box=None,
         exposure=None,
+        plates=None,
     ):
         self.device = wp.get_device(device)
         self.torch_device = torch.device(wp.device_to_torch(self.device))
         self.options = options
-        self.surroundings, self.exposure = surroundings, exposure
+        self.surroundings, self.exposure, self.plates = surroundings, exposure, plates
         self.subtet_mask = subtet_mask
         self.workers = workers
         neighbours = tet_neighbours(mesh.tets)
@@ -283,7 +285,7 @@ class TrainingField:
 
     def parameters(self) -> list:
         """The trained parameters: those of the table, the networks, and what learns beside them."""
-        beside = [m for m in (self.surroundings, self.exposure) if m is not None]
+        beside = [m for m in (self.surroundings, self.exposure, self.plates) if m is not None]
         return [
             self.table,
             *self.networks.parameters(),

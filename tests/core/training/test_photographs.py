@@ -1,4 +1,4 @@
-"""What is drawn from photographs: nothing where their masks leave it open."""
+"""What is drawn from photographs: what their masks tell, and what has a plate behind it."""
 
 from dataclasses import replace
 
@@ -8,7 +8,8 @@ from image_datasets import from_images
 
 from deformrf.core.render import Lens, look_at
 from deformrf.core.training import UNTOLD, preset
-from deformrf.core.training.photographs import photographed_rays, untold_pixels
+from deformrf.core.training.photographs import photographed_rays
+from deformrf.core.training.run.plates import learned_plates, untold_pixels
 
 LENS = Lens(16, 12, (20.0, 20.0), (8.0, 6.0))
 
@@ -25,9 +26,20 @@ def dataset():
 
 def test_untold_pixels_are_not_drawn(dataset):
     options = replace(preset("tiny"), leave_out=("blur-weights",))
-    bank = photographed_rays(dataset, options, np.eye(4), "cpu", None, print)
+    bank = photographed_rays(dataset, options, np.eye(4), "cpu", None, None, print)
     told = np.flatnonzero(dataset.pixels[:, 3] != UNTOLD)
     np.testing.assert_array_equal(bank.bank.pool.numpy(), told)
+
+
+def test_before_a_plate_they_are(dataset):
+    """Views 1 and 3 are a ring; the untold pixels of the others stay out."""
+    options = replace(preset("tiny"), leave_out=("blur-weights",))
+    dataset = replace(dataset, rings=np.array([-1, 0, -1, 0]))
+    plates = learned_plates(dataset, "cpu")
+    bank = photographed_rays(dataset, options, np.eye(4), "cpu", None, plates, print)
+    told = (dataset.pixels[:, 3] != UNTOLD).reshape(4, -1)
+    told[[1, 3]] = True
+    np.testing.assert_array_equal(bank.bank.pool.numpy(), np.flatnonzero(told))
 
 
 def test_alpha_that_no_mask_says_is_always_told(dataset):

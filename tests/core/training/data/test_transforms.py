@@ -199,7 +199,7 @@ def test_whatever_a_scene_holds_it_is_read_or_refused(tmp_path):
     scene = json.loads((write(tmp_path, count=4) / "transforms.json").read_text())
     scene |= {"train_filenames": ["images/0001.png"], "camera_model": "OPENCV", "is_fisheye": 0}
     for frame in scene["frames"]:
-        frame |= {"mask_path": frame["file_path"], "time": 0.5}
+        frame |= {"mask_path": frame["file_path"], "time": 0.5, "ring": 1}
     counts = {True: 0, False: 0}
     for _ in range(400):
         changed = json.loads(json.dumps(scene))
@@ -357,4 +357,23 @@ def test_the_objects_box_is_read(tmp_path):
 def test_a_box_that_is_none_is_refused(tmp_path, box):
     write(tmp_path, object_box=box)
     with pytest.raises(DatasetError, match="object_box that is not two corners"):
+        load_dataset(tmp_path, "train")
+
+
+def test_rings_are_read_where_there_are_masks(tmp_path):
+    """Without masks nobody needs them."""
+    frames = {i: {"mask_path": f"images/{i:04d}.png"} for i in range(9)}
+    for i, ring in ((1, 2), (3, None), (4, 0)):
+        frames[i]["ring"] = ring
+    write(tmp_path, per_frame=frames)
+    rings = load_dataset(tmp_path, "train").rings
+    np.testing.assert_array_equal(rings, [2, -1, -1, 0, -1, -1, -1])
+    write(tmp_path, per_frame={1: {"ring": 2}})
+    assert load_dataset(tmp_path, "train").rings is None
+
+
+@pytest.mark.parametrize("ring", ["a", -1, 0.5, 1e999, True, [1]])
+def test_a_ring_that_is_none_is_refused(tmp_path, ring):
+    write(tmp_path, per_frame={1: {"ring": ring}})
+    with pytest.raises(DatasetError, match=r"ring = .*: it has to be a whole number"):
         load_dataset(tmp_path, "train")

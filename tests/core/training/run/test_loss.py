@@ -1,5 +1,6 @@
 """The loss of colors that are 0 and 1: they can be moved, and what moves them is its gradient."""
 
+import numpy as np
 import pytest
 import torch
 from gray_photographs import GRAY, gray_photographs
@@ -114,3 +115,30 @@ def test_only_logits_beyond_the_most_cost_something(stage):
     picture = rendered(stage)
     beyond = (picture.excess / picture.opacity)[picture.opacity > 0.1]
     assert ((200.0 < beyond) & (beyond < 450.0)).all()  # 3 · 10², and the start's own logits
+
+
+class Plates:
+    """Every third ray is untold, before one color."""
+
+    def __call__(self, pixels):
+        untold = (torch.arange(len(pixels), device=pixels.device) % 3 == 0).float()
+        return torch.full((len(pixels), 3), 0.3, device=pixels.device), untold
+
+
+def test_untold_rays_are_compared_with_what_is_behind_the_object(stage):
+    """All others as before: over the step's background, by their alpha."""
+    picture = rendered(stage)
+    stage.batch.rgba[:, 3] = 0.25
+    stage.field.plates = Plates()
+    white = torch.ones(1, device=stage.field.torch_device)
+    _, error = loss.training_loss(stage.field, stage.batch, white, 0.0)
+    color, opacity, fits = (
+        a.detach().double().cpu().numpy()
+        for a in (picture.color, picture.opacity, stage.batch.fits)
+    )
+    target = stage.batch.rgba[:, :3].double().cpu().numpy()
+    untold = np.arange(len(color))[:, None] % 3 == 0
+    left = 1.0 - opacity[:, None]
+    off = np.where(untold, color + left * 0.3 - target, color + left - 0.25 * target - 0.75)
+    expected = (fits[:, None] * off**2).mean(axis=1).sum() / fits.sum()
+    assert float(error.detach()) == pytest.approx(expected, rel=0.01)
