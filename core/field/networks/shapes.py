@@ -22,6 +22,18 @@ def has_usual_shape(shapes) -> bool:
     return has_usual_density(shapes[:2]) and shapes[2:] == color
 
 
+def fits_usual_shape(shapes) -> bool:
+    """Whether layers of these shapes have it, or could if zeros filled them up (triton.py)."""
+    shapes = [tuple(shape) for shape in shapes]
+    if has_usual_shape(shapes):
+        return True
+    if len(shapes) != 4:
+        return False
+    (features, a), (_, h), (c, b), (_, rgb) = shapes
+    narrow = features <= MAX_FEATURES and max(a, b) <= WIDTH
+    return narrow and (h, c, rgb) == (GEOMETRY_FEATURES, GEOMETRY_FEATURES + BASIS_COUNT, 3)
+
+
 def has_usual_density(shapes) -> bool:
     """Whether the density layers' shapes (in, out) are those of the fused kernels."""
     (feature_count, width), *others = [tuple(shape) for shape in shapes]

@@ -1,6 +1,7 @@
 """Both networks fused: one Triton kernel forward and one backward, for training on CUDA.
 
-The networks must have the usual shape, with hidden layers of 64.  The kernels compute for N samples
+The networks must have the usual shape, with hidden layers of 64, or narrower ones, which are filled
+up with zeros (`widened`).  The kernels compute for N samples
 
     a = relu(W x + b)                    x: features, L·F columns
     h = W a + b                          sigma = exp(min(h_0, 15))
@@ -33,9 +34,10 @@ from dataclasses import dataclass
 
 import torch
 from torch.autograd.function import once_differentiable
+from torch.nn.functional import pad
 
 from .basis import BASIS_COUNT
-from .shapes import GEOMETRY_FEATURES, MAX_FEATURES, has_usual_density, has_usual_shape
+from .shapes import GEOMETRY_FEATURES, MAX_FEATURES, WIDTH, fits_usual_shape, has_usual_density
 from .torch import TorchNetworks
 
 try:
@@ -67,7 +69,7 @@ BACKWARD_HOPPER = Launch(block=128, warps=8, stages=1, programs=1)
 
 def fits(networks: TorchNetworks) -> bool:
     """Whether `evaluate` takes these networks on the device where they are."""
-    return _runs_on(networks) and has_usual_shape(_shapes(networks.density, networks.color))
+    return _runs_on(networks) and fits_usual_shape(_shapes(networks.density, networks.color))
 
 
 def density_fits(networks: TorchNetworks) -> bool:
@@ -90,8 +92,30 @@ def _shapes(*networks):
 
 def pack(layers):
     """The layers' parameters one after another: weights [out, in], then bias."""
-    parameters = [p.flatten() for layer in layers for p in (layer.weight, layer.bias)]
-    return torch.cat(parameters)
+    return torch.cat([p.flatten() for layer in layers for p in layer])
+
+
+def widened(networks: TorchNetworks) -> list:
+    """Weights and bias of each layer, differentiable, in the usual shape.
+
+    Units that are missing are 0.  A second hidden layer of the color network that is missing passes
+    on what it gets, which no ReLU changes, since it is a ReLU's.
+    """
+    density, color = (
+        [(layer.weight, layer.bias) for layer in layers]
+        for layers in (networks.density, networks.color)
+    )
+    if len(color) == 2:
+        unit = torch.eye(WIDTH, device=color[0][0].device)
+        color.insert(1, (unit, unit.new_zeros(WIDTH)))
+    last, wide = (0, len(density)), []
+    for number, (weight, bias) in enumerate(density + color):
+        rows, columns = weight.shape
+        is_hidden = number not in (len(density) - 1, len(density) + len(color) - 1)
+        more = WIDTH - rows if is_hidden else 0
+        fill = 0 if number in last else WIDTH - columns
+        wide.append((pad(weight, (0, fill, 0, more)), pad(bias, (0, more))))
+    return wide
 
 
 def evaluate_density(networks: TorchNetworks, features, sample_count=None):
@@ -102,7 +126,8 @@ def evaluate_density(networks: TorchNetworks, features, sample_count=None):
     """
     count = _checked_count(networks, features, sample_count)
     both = kernels.density_kernel, kernels.density_backward_kernel
-    return Fused.apply(*both, GEOMETRY_FEATURES, features, pack(networks.density), count)
+    parameters = pack((layer.weight, layer.bias) for layer in networks.density)
+    return Fused.apply(*both, GEOMETRY_FEATURES, features, parameters, count)
 
 
 def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
@@ -121,7 +146,7 @@ def evaluate(networks: TorchNetworks, features, basis, sample_count=None):
     assert basis.shape == (len(features), BASIS_COUNT), basis.shape
     count = _checked_count(networks, features, sample_count)
     both = kernels.forward_kernel, kernels.backward_kernel
-    parameters = pack([*networks.density, *networks.color])
+    parameters = pack(widened(networks))
     return Fused.apply(*both, 3, features, basis.contiguous(), parameters, count)
 
 

@@ -208,7 +208,7 @@ class LearnedSurroundings(torch.nn.Module):
             device=self.device,
         )
         features = GridEncode.apply(self.table, points, self._resolutions)
-        sigma, rgb = self.networks(features, basis)
+        sigma, rgb = self.networks.evaluate(features, basis)
         samples, split = (sigma, rgb, length, t), rays * FRONT_PIECES
         front = self._composite(rays, FRONT_PIECES, [array[:split] for array in samples])
         color, opacity = self._composite(rays, BEHIND_PIECES, [array[split:] for array in samples])

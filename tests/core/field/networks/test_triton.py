@@ -52,9 +52,10 @@ def device(request):
     return "cpu"
 
 
-def random_networks(device, hidden=1, level_count=6):
+def random_networks(device, hidden=1, level_count=6, width=64, color_hidden=2):
     rng = np.random.default_rng()
-    options = FieldOptions(level_count, density_hidden=(64,) * hidden)
+    hiddens = {"density_hidden": (width,) * hidden, "color_hidden": (width,) * color_hidden}
+    options = FieldOptions(level_count, **hiddens)
 
     def layers(widths):
         bound = [np.sqrt(6.0 / fan_in) for fan_in in widths[:-1]]
@@ -131,8 +132,9 @@ def relative_error(ours, expected):
     return float((ours.double() - expected).norm() / expected.norm())
 
 
-def test_values_and_gradients_match_float64(device):
-    networks = random_networks(device)
+@pytest.mark.parametrize(("width", "color_hidden"), [(64, 2), (64, 1), (32, 1), (5, 1)])
+def test_values_and_gradients_match_float64(device, width, color_hidden):
+    networks = random_networks(device, width=width, color_hidden=color_hidden)
     x, y, g_sigma, g_rgb = random_samples(np.random.default_rng().integers(300, 700), device)
     sigma, rgb = fused.evaluate(networks, x, y)
     assert sigma.dtype == rgb.dtype == torch.float32
@@ -335,6 +337,9 @@ def test_what_the_kernels_take():
     assert fused.fits(random_networks("cuda:0"))
     assert not fused.fits(random_networks("cuda:0", hidden=2))
     assert not fused.fits(random_networks("cuda:0", level_count=9))
+    assert fused.fits(random_networks("cuda:0", width=32, color_hidden=1))
+    assert not fused.fits(random_networks("cuda:0", width=128, color_hidden=1))
+    assert not fused.fits(random_networks("cuda:0", width=32))
 
 
 @pytest.mark.gpu
