@@ -35,6 +35,7 @@ from .run.distributed import ALONE, Workers
 from .run.memory import ALLOCATION_ERRORS, OutOfMemory, give_memory_back, lacks_memory
 from .run.monitoring import Diverged, History, TrainingProgress
 from .run.optimization import Optimization
+from .run.plates import learned_plates
 from .run.surroundings import LearnedSurroundings, random_surroundings
 from .run.training_field import TrainingField
 from .train_options import TrainOptions
@@ -184,7 +185,7 @@ class _Run:
             self.dataset, self.options, self.device, self.report
         )
         torch_device = wp.device_to_torch(wp.get_device(self.device))
-        self.plates = photographs.learned_plates(self.dataset, torch_device)
+        self.plates = learned_plates(self.dataset, torch_device)
         interrupted, diverged, out_of_memory = False, None, None
         try:
             self.bank = photographs.photographed_rays(

@@ -261,7 +261,7 @@ def test_samples_past_the_count_are_neither_read_nor_written(device, count):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5 * float(b.abs().max()))
 
     sigma, rgb = torch.full((room,), -1.0, device=device), torch.full((room, 3), -1.0).to(device)
-    parameters = fused.pack([*networks.density, *networks.color]).detach()
+    parameters = fused.pack(fused.widened(networks)).detach()
     given = x.detach(), y, parameters, counter
     fused._launch(fused.kernels.forward_kernel, fused.FORWARD, *given, sigma, rgb)
     assert torch.equal(sigma[:count], outputs[0])
