@@ -40,7 +40,7 @@ from .running import (
     require,
     run,
 )
-from .train_choices import check_resumed_views, resumed_run, train_options
+from .train_choices import check_resumed_views, for_views, resumed_run, train_options
 
 PROGRAM = "deformrf train"
 
@@ -190,6 +190,7 @@ def prepare_training(
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
     train_views = load_train_views(arguments, options, resumed)
+    options = options if resumed else for_views(options, arguments, train_views)
     test_views = load_test_views(arguments)
     with interrupts_waiting():  # what an exception ends halfway can't be imported again
         import torch  # noqa: F401

@@ -20,7 +20,10 @@ from .data.datasets import (
 )
 from .data.found_object import find_object as find_object
 from .data.views import focus as focus
-from .data.scene_box import world_to_unit_cube as world_to_unit_cube
+from .data.scene_box import (
+    learns_surroundings as learns_surroundings,
+    world_to_unit_cube as world_to_unit_cube,
+)
 from .evaluation import (
     check_replaceable as check_replaceable,
     lacks_surroundings as lacks_surroundings,

@@ -7,8 +7,10 @@ import shutil
 from pathlib import Path
 from typing import get_args
 
+import ball_photos
 import numpy as np
 import pytest
+from gray_photographs import gray_photographs
 from PIL import Image
 
 from deformrf.commands import train, train_choices
@@ -180,6 +182,22 @@ def test_steps_are_shared_out_between_the_stages(name, steps):
     options = train_choices.with_steps(preset(name), steps)
     assert options.coarse_steps + options.fine_steps == steps
     assert min(options.coarse_steps, options.fine_steps) >= 1
+
+
+def test_surroundings_take_steps_from_the_default_preset_alone():
+    """As long as nobody says how many steps there are."""
+
+    def count(views, **given):
+        arguments = train.TrainArguments(Path("data"), Path("m.npz"), **given)
+        options = train_choices.train_options(arguments)
+        options = train_choices.for_views(options, arguments, views)
+        return options.coarse_steps + options.fine_steps
+
+    photographs, cut_out = ball_photos.photographs(), gray_photographs(alpha=128)
+    assert count(photographs) == 19_875
+    assert count(cut_out) == count(photographs, surroundings="white") == 26_500
+    assert count(photographs, steps=500) == 500
+    assert count(photographs, preset="fast") == 13_000
 
 
 def test_the_command_line_knows_every_preset():

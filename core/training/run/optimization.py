@@ -39,6 +39,7 @@ OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
 OCCUPANCY_TURNS = 4  # later it looks at every fourth
 AVERAGED_SHARE = 0.2  # of the steps so far, over which the weights that are kept are averaged
 RAYS_AT_START, FEWEST_RAYS, MOST_RAYS = 1 << 10, 1 << 8, 1 << 16
+SURROUNDED_RAYS = 1 << 14  # at most, where each takes 64 samples of surroundings besides
 RAY_SPACE = 1.5  # times the rays of a step that graphs are recorded for, so that more fit later
 LEAST_USED = 0.25  # of that; with fewer rays new graphs are recorded
 FILLED = 0.9  # share of a step's space for samples that the number of rays aims at
@@ -278,6 +279,8 @@ class Optimization:
 
     def _adapt_ray_count(self, sample_count):
         ray_count = next_ray_count(self.ray_count, sample_count, self.samples_per_step)
+        if self.field.surroundings:
+            ray_count = min(ray_count, SURROUNDED_RAYS)
         if ray_count == self.ray_count:
             return
         # Surroundings are evaluated for rays that are not in use as well.
