@@ -161,6 +161,17 @@ def toggle_box(settings, field, say):
         say("this model has no box: its object was not sought in photographs")
 
 
+@action(
+    *("the surface in colors: how far photographs of it were from here", ""),
+    *("View/What photographs saw",),
+    on=has("show_photographed", True),
+)
+def toggle_photographed(settings, field, say):
+    settings.show_photographed = not settings.show_photographed and "views" in field.meta
+    if "views" not in field.meta:
+        say("this model does not say where its photographs were taken: train it again")
+
+
 # -- panels ------------------------------------------------------------------------------------
 
 
