@@ -19,12 +19,13 @@ import numpy as np
 
 from ...core.field import TetField, subtet_corners, unpack_mask
 from ...core.render import Renderer, from_field_of_view, look_at, views_of_rows
-from ...wings.capture import FAR, HARDLY, MISSED, NEAR
 from ..camera import visible
 from .ground_plane import SubtetMiddles
 from .mark_layer import MOST
 from .radiance_layer import RemainingSubtets
 
+NEAR, FAR = 20.0, 45.0  # degrees
+HARDLY, MISSED = (250, 222, 112), (166, 54, 10)  # colors of angles from NEAR, and from FAR
 PROBES, PIXELS = 40, 96  # directions around; across a picture of depth
 VIEWS = 200  # photographs at most, spread evenly
 APART = 2.5  # object sizes from a probe's eye to the middle
@@ -70,7 +71,7 @@ class Photographed:
         cosines = np.einsum("vsx,sx->vs", self._seen, ways.astype(np.float32)).max(axis=0)
         angles = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[:, None]
         dark = (middles.at(rest).sum(axis=1) / (STRIPE * self._edge) % 1.0 < 0.5)[:, None]
-        tints = np.where(angles > FAR, np.where(dark, 0.5, 1.0) * MISSED, HARDLY) / 255.0
+        tints = np.where(angles > FAR, np.where(dark, 0.5, 1.0) * np.array(MISSED), HARDLY) / 255.0
         marked = angles[:, 0] > NEAR
         return places[marked], tints[marked], 0.4 * self._edge
 

@@ -10,7 +10,5 @@ from .photos import (
     find_photos as find_photos,
     read_photo as read_photo,
 )
-from .directions import FAR as FAR, NEAR as NEAR
-from .sphere import HARDLY as HARDLY, MISSED as MISSED
 from .video import frames_folder as frames_folder, is_video as is_video
 from .work import remove_left as remove_left

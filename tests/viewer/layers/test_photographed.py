@@ -9,8 +9,9 @@ import pytest
 from deformrf.core.field import pack_mask, subtet_middles, unpack_mask
 from deformrf.core.render import Lens, from_field_of_view, look_at, rows_of_views
 from deformrf.viewer.document import Scene
-from deformrf.viewer.layers import Photographed
-from deformrf.wings.capture import HARDLY, MISSED
+from deformrf.viewer.layers import Photographed, photographed
+from deformrf.viewer.layers.photographed import HARDLY, MISSED
+from deformrf.wings.capture import directions, sphere
 
 AWAY, NEAR_SIDE = 3.0, 0.18  # from the middle: of eyes; of what is seen and not at the rim
 FEW = 0.06  # of the marks of a side: its rim, where sub-tets are larger than what a pixel tells
@@ -49,6 +50,11 @@ def seen_from():
         return SimpleNamespace(near=towards > NEAR_SIDE, red=red, tints=tints, places=places)
 
     return look
+
+
+def test_angles_and_colors_are_those_of_a_checks_page():
+    assert (photographed.NEAR, photographed.FAR) == (directions.NEAR, directions.FAR)
+    assert (HARDLY, MISSED) == (sphere.HARDLY, sphere.MISSED)
 
 
 def test_the_front_has_no_marks_from_the_front_and_the_back_is_red(ball, seen_from):
