@@ -272,6 +272,7 @@ class App:
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
+                self._draw_marks(camera)  # strokes can be made on it, too
         built = True
         if self.gui is not None:
             with times.task("panel"):
@@ -323,16 +324,21 @@ class App:
         keep = keep and (self.recorder.video is not None or self.recorder.wants_screenshot)
         if keep and not in_clips:
             self._record_view()
-        settings, mark = self.scene.settings, self.mark_layer.draw_marks
-        mark(camera, clips, self.controls.tools["isolate"].marks)
-        if settings.show_photographed:
-            mark(camera, clips, self.photographed.marks(camera))
+        self._draw_marks(camera)
+        settings = self.scene.settings
         if settings.tool != "isolate":  # whose marks they would hide
             self.handle_layer.draw(camera, clips)
         if self.gui is None or settings.task != "bend" or settings.tool in OF_BONES:
             self.bone_layer.draw(camera, clips, self.controls.bones.place)
         if keep and in_clips:
             self._record_view()
+
+    def _draw_marks(self, camera):
+        """Draw what goes and stays, and what no photograph saw."""
+        clips, mark = clip_range(self.scene.viewpoint.orbit), self.mark_layer.draw_marks
+        mark(camera, clips, self.controls.tools["isolate"].marks)
+        if self.scene.settings.show_photographed:
+            mark(camera, clips, self.photographed.marks(camera))
 
     def _record_view(self):
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""

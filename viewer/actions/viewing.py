@@ -162,13 +162,14 @@ def toggle_box(settings, field, say):
 
 
 @action(
-    *("the surface in colors: how far photographs of it were from here", ""),
-    *("View/What photographs saw",),
+    "mark what no photograph of the training saw from near the view",
+    menu="View/What no photograph saw",
     on=has("show_photographed", True),
 )
 def toggle_photographed(settings, field, say):
-    settings.show_photographed = not settings.show_photographed and "views" in field.meta
-    if "views" not in field.meta:
+    views = bool(field.meta.get("views"))
+    settings.show_photographed = views and not settings.show_photographed
+    if not views:
         say("this model does not say where its photographs were taken: train it again")
 
 

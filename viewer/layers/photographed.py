@@ -27,7 +27,7 @@ from .radiance_layer import RemainingSubtets
 NEAR, FAR = 20.0, 45.0  # degrees
 HARDLY, MISSED = (250, 222, 112), (166, 54, 10)  # colors of angles from NEAR, and from FAR
 PROBES, PIXELS = 40, 96  # directions around; across a picture of depth
-VIEWS = 200  # photographs at most, spread evenly
+VIEWS = 100  # photographs at most, spread evenly
 APART = 2.5  # object sizes from a probe's eye to the middle
 # Edges above and below where a ray ends, that are the surface; below, that it saw: a ray that is
 # nearly along the surface ends before it.
