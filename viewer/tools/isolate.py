@@ -148,7 +148,7 @@ class Isolate(Tool):
         if self._result is None:
             return "Click the object"
         words = fields.left_out_in_words(self._isolation, self._result, where=False)
-        if not self.strokes:
+        if not self._answered[1]:
             return f"Orange goes: {words}.  Enter leaves it out.  Or click the object"
         return f"Blue stays, orange goes: {words}.  Enter cuts"
 
@@ -162,7 +162,8 @@ class Isolate(Tool):
             return None
         isolation, kept = self._isolation, self._result.kept
         # Before the first stroke nobody knows what is the object's.
-        solid = np.flatnonzero((isolation.opacity > SOLID) & (bool(self.strokes) | ~kept))
+        known = bool(self._answered[1])
+        solid = np.flatnonzero((isolation.opacity > SOLID) & (known | ~kept))
         solid = solid[:: 1 + len(solid) // MARKS_MAX]
         matter = isolation.matter
         mesh, positions = self.scene.field.mesh, self.scene.positions
@@ -200,7 +201,9 @@ class Isolate(Tool):
     def _take(self, work, revision, strokes):
         """Show what the thread has found, or say why it could not."""
         error = work.exception()
-        if error is None and revision == self.scene.cuts.revision:
+        if error is None:
+            if revision != self.scene.cuts.revision or strokes is not self.strokes:
+                return  # something else is to be found out by now
             result = work.result()
             self._result = result if strokes or result.left_out else None
             self._answered = revision, strokes

@@ -208,7 +208,14 @@ def test_flat_parts_are_offered_first_and_can_be_left_out_alone(hand, ball, said
     places, ours = marked(controls)
     assert not ours.any() and (places[:, 2] < low).all()
     assert "Enter leaves it out" in controls.tool.told
-    left = scene.cuts.left
+    left, may_go_on = scene.cuts.left, Event()
+    monkeypatch.setattr(isolating.fields, "isolated", lambda *_: may_go_on.wait(60.0))
+    controls.tool.strokes = (None,)
+    _, tints, _ = controls.tool.marks  # the same until the stroke is worked out
+    assert controls.tool.busy and (tints == OTHERS).all()
+    controls.tool.forget()
+    may_go_on.set()
+    marked(controls)
     assert controls.tool.enter() and scene.settings.tool == "isolate"
     np.testing.assert_array_equal(scene.cuts.left, left & ~pack_mask(floor))
     assert controls.undo() == "delete"
