@@ -36,6 +36,7 @@ WAITING_SECONDS = 0.1  # in each frame while thin parts are fitted
 POLL_SECONDS = 1.0 / 30.0  # between two looks for events at rest
 FITTING = "working out how stiff thin parts are, once for this model: it moves in some seconds"
 REDRAW_SECONDS = 1.0  # between two frames at rest: messages disappear, curves grow
+BUSY_SECONDS = 0.2  # the same while something is worked out
 PANEL_SECONDS = 0.1  # between two times that panels are built while something is dragged
 STATE_SECONDS = 0.5  # between two "state" events in the log
 INPUT_EVENTS = (
@@ -201,7 +202,9 @@ class App:
     def _rest(self) -> bool:
         """Handle work between frames; returns whether a new frame is needed."""
         before = self.radiance.sample_count
-        if self.radiance.settled:
+        if self._works:
+            self.photographed.work()
+        elif self.radiance.settled:
             time.sleep(POLL_SECONDS)
         else:
             self.radiance.update(self.controls.camera)
@@ -210,8 +213,9 @@ class App:
 
     def _quiet(self, now) -> bool:
         """Whether the next frame would look like the last one."""
+        busy = self.controls.tool.busy or self._works
         return (
-            now - self._drawn_at < REDRAW_SECONDS
+            now - self._drawn_at < (BUSY_SECONDS if busy else REDRAW_SECONDS)
             and now - self.last_event > AWAKE_SECONDS
             and self.radiance.refined == 1.0
             and not self.scene.clock.moving
@@ -220,6 +224,11 @@ class App:
             and self.recorder.video is None
             and not self.takes.recording
         )
+
+    @property
+    def _works(self):
+        """Whether it is found out what photographs saw."""
+        return self.scene.settings.show_photographed and self.photographed.busy
 
     def _wait(self):
         """Say that thin parts are being fitted, and leave that most of the processor."""
@@ -263,6 +272,7 @@ class App:
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
+                self._draw_marks(camera)  # strokes can be made on it, too
         built = True
         if self.gui is not None:
             with times.task("panel"):
@@ -314,13 +324,21 @@ class App:
         keep = keep and (self.recorder.video is not None or self.recorder.wants_screenshot)
         if keep and not in_clips:
             self._record_view()
-        self.mark_layer.draw(camera, clips, self.controls.tools["isolate"].marks)
-        self.handle_layer.draw(camera, clips)
+        self._draw_marks(camera)
         settings = self.scene.settings
+        if settings.tool != "isolate":  # whose marks they would hide
+            self.handle_layer.draw(camera, clips)
         if self.gui is None or settings.task != "bend" or settings.tool in OF_BONES:
             self.bone_layer.draw(camera, clips, self.controls.bones.place)
         if keep and in_clips:
             self._record_view()
+
+    def _draw_marks(self, camera):
+        """Draw what goes and stays, and what no photograph saw."""
+        clips, mark = clip_range(self.scene.viewpoint.orbit), self.mark_layer.draw_marks
+        mark(camera, clips, self.controls.tools["isolate"].marks)
+        if self.scene.settings.show_photographed:
+            mark(camera, clips, self.photographed.marks(camera))
 
     def _record_view(self):
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""

@@ -71,6 +71,7 @@ class Settings:
     photo_opacity: float = 0.5  # of one over the render
     brush_radius: float = 24.0  # points, of the brush that deletes
     show_box: bool = False  # that training found around the object
+    show_photographed: bool = False  # marks what no photograph saw
     show_panel: bool = kept(True, "preferences")
     task: str = "bend"  # one of TASKS
     panel_side: str = kept("right", "preferences", good=one_of(SIDES))

@@ -6,7 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 
 from . import preferences
 from .document import autosave_folder, left_behind, start_of
-from .layers import BoneLayer, HandleLayer, MarkLayer, MeshLayer, RadianceLayer, choose_path
+from .layers import (
+    BoneLayer,
+    HandleLayer,
+    MarkLayer,
+    MeshLayer,
+    Photographed,
+    RadianceLayer,
+    choose_path,
+)
 from .loading import Progress, prepare
 from .tools import Controls, Fly
 
@@ -81,7 +89,8 @@ def show(app, scene, renderer, path: str) -> None:
         ):
             layer.release()
     app.radiance, app.handle_layer, app.bone_layer = radiance, handle_layer, bone_layer
-    app.mark_layer = MarkLayer(app.ctx)
+    app.mark_layer, app.photographed = MarkLayer(app.ctx), Photographed(scene, renderer.device)
+    scene.settings.show_photographed = False
     app.mesh_layer = MeshLayer(app.ctx, scene, radiance.draw_depth)
     say = app.recorder.say
     app.controls = Controls(scene, app.radiance.depth_image, app.log, say)

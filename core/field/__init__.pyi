@@ -21,6 +21,7 @@ from .isolation.isolating import (
     isolation_of as isolation_of,
     kept_field as kept_field,
     left_out_in_words as left_out_in_words,
+    without_flats as without_flats,
 )
 from .levels import (
     below_pixel as below_pixel,

@@ -26,6 +26,7 @@ from ..base.schema import (
     listing,
     number,
     text,
+    vector,
 )
 from ..base.streams import printable, shown
 from ..geometry import tet_neighbours
@@ -76,6 +77,7 @@ TRAINING = {  # what is known of a training: whether a value of the file is one
     **dict.fromkeys(("workers", "view_count", "missing_images", "test_view_count"), integer()),
     **dict.fromkeys(("tet_count", "stage_1_tet_count", "returns"), integer()),
     **dict.fromkeys(("image_size", "peak_memory_bytes", "levels_below_pixel"), listing(FINITE)),
+    "views": listing(vector(16, FINITE)),
     **dict.fromkeys(("object_box", "history"), lambda value: isinstance(value, list)),
     **dict.fromkeys(("options", "test_mean"), lambda value: isinstance(value, dict)),
 }

@@ -13,6 +13,7 @@ from .rays.lens import Lens as Lens, distort as distort, has_rays as has_rays, p
 from .preview import preview as preview
 
 # For the rooms next door.
+from .rays.views import rows_of_views as rows_of_views, views_of_rows as views_of_rows
 from .render_options import default_stop as default_stop
 from .preview import seen_from_outside as seen_from_outside, vertex_normals as vertex_normals
 from .subpixel import RunningMean as RunningMean, shifted as shifted, spread as spread

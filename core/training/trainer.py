@@ -24,6 +24,7 @@ import warp as wp
 from ..base.device import start_warp
 from ..field import FieldOptions, TetField
 from ..geometry import Plane, TetMesh, a15_grid
+from ..render import in_space, rows_of_views
 from . import photographs, stages
 from .data.datasets import Dataset
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
@@ -323,7 +324,9 @@ class _Run:
 
     def _export(self) -> TetField:
         with self.optimization.averaged() if self.optimization else nullcontext():
-            return self.field.export(self.world_to_model, self.report)
+            poses = in_space(self.dataset.poses, self.world_to_model)
+            meta = {**self.report, "views": rows_of_views(poses, self.dataset.lenses)}
+            return self.field.export(self.world_to_model, meta)
 
     def _out_of_memory(self, error, consequence="") -> OutOfMemory:
         """Save a checkpoint, if one worker trains and has done a step; return the sentence."""

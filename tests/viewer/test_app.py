@@ -462,3 +462,41 @@ def test_what_actions_and_panels_ask_for_is_in_a_window(app):
     for function in functions:
         for name in parameters_of(function):
             part(app, name)
+
+
+def test_what_no_photograph_saw_is_marked_if_the_model_says_where_they_were_taken(
+    bare, monkeypatch
+):
+    from deformrf.core.render import Lens, look_at, rows_of_views
+
+    scene = bare.scene
+    bare.actions.call("toggle_photographed")
+    assert "does not say where" in bare.recorder.message
+    assert not bare.actions.is_on("toggle_photographed")
+    pose = look_at(2.0 * scene.center - bare.controls.camera.position, scene.center)  # from behind
+    views = rows_of_views(pose[None], [Lens(64, 64, (90.0, 90.0), (32.0, 32.0))])
+    monkeypatch.setitem(scene.field.meta, "views", views)
+    bare.actions.call("toggle_photographed")
+    frames(bare, 1)
+    assert bare.photographed.busy and "%" in bare.photographed.told
+    for _ in range(200):
+        frames(bare, 1)
+        if not bare.photographed.busy:
+            break
+    bare.draw(bare.controls.camera)
+    marked = bare.canvas.read().astype(int)
+    bare.actions.call("toggle_photographed")
+    bare.draw(bare.controls.camera)
+    assert (abs(bare.canvas.read() - marked).max(axis=-1) > 30).sum() > 500
+
+
+def test_a_tool_that_works_something_out_says_so_and_keeps_the_window_awake(bare):
+    bare.scene.settings.tool = "isolate"
+    frames(bare, 1)
+    tool = bare.controls.tool
+    assert tool.busy
+    bare.last_event = -1e9
+    assert not bare._quiet(bare._drawn_at + 0.5)
+    while tool.busy:
+        frames(bare, 1)
+    assert tool.told == "Click the object"

@@ -161,6 +161,18 @@ def toggle_box(settings, field, say):
         say("this model has no box: its object was not sought in photographs")
 
 
+@action(
+    "mark what no photograph of the training saw from near the view",
+    menu="View/What no photograph saw",
+    on=has("show_photographed", True),
+)
+def toggle_photographed(settings, field, say):
+    views = bool(field.meta.get("views"))
+    settings.show_photographed = views and not settings.show_photographed
+    if not views:
+        say("this model does not say where its photographs were taken: train it again")
+
+
 # -- panels ------------------------------------------------------------------------------------
 
 

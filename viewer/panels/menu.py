@@ -54,10 +54,13 @@ def _after_line(menu, title):
 TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 
 
-def menu_bar(settings, handles, journal, actions, preferences, opening) -> None:
+def menu_bar(settings, handles, controls, actions, preferences, opening) -> None:
     """Draw it along the window's upper edge: at the right what there is space for."""
     _items(TREES[settings.keys], actions, preferences, opening)
-    for way, action, label in (("left", "undo", journal.undoes), ("right", "redo", journal.redoes)):
+    for way, action, label in (
+        ("left", "undo", controls.undoes),
+        ("right", "redo", controls.redoes),
+    ):
         imgui.begin_disabled(not label)
         button(actions, action, f"{icon(f'rotate_{way}')}##{action}")
         imgui.end_disabled()

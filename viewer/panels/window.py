@@ -150,8 +150,10 @@ class Panels:
             ("recording", (1.0, 0.0), hidden, recording_line(app.takes, app.recorder)),
             ("training", (0.5, 0.0), hidden and job, job and training_lines(job)[0]),
             ("flying", (0.5, 0.0), hidden and app.fly.on, app.fly.line),
+            ("tool", (0.5, 0.0), not asks, app.controls.tool.told),
             ("paused", (0.5, 0.0), not asks, call(pause_line, app)),
             ("first minute", (0.5, 0.0), settings.tool == "grab" and not begun, FIRST_LINE),
+            ("photographed", (0.0, 1.0), settings.show_photographed, app.photographed.told),
             ("message", (0.5, 1.0), self._said[1] == settings.task, message),
         ):
             if wanted and line and place not in places:

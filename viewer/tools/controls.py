@@ -221,6 +221,15 @@ class Controls(DragKeys, Viewport):
             self.holder.cancel()
             self._end()
 
+    @property
+    def undoes(self) -> str | None:
+        """What `undo` would take back, of the tool's own or of the object's steps."""
+        return self.tool.undoes or self.scene.journal.undoes
+
+    @property
+    def redoes(self) -> str | None:
+        return self.tool.redoes or self.scene.journal.redoes
+
     def undo(self) -> str | None:
         """Take back the drag in progress, else the last step.  Returns which, or None."""
         scene, journal = self.scene, self.scene.journal
@@ -228,13 +237,19 @@ class Controls(DragKeys, Viewport):
         self.cancel()
         if journal.cursor < count:  # a drag's step, which is all that is taken back
             return "drag"
-        label = journal.undoes
+        label = self.undoes
+        if self.tool.undoes:
+            self.tool.undo()
+            return label
         return label if scene.undo() else None
 
     def redo(self) -> str | None:
         """Do the step again that was undone last; returns which.  None: there is none."""
         self.cancel()
-        label = self.scene.journal.redoes
+        label = self.redoes
+        if self.tool.redoes:
+            self.tool.redo()
+            return label
         return label if self.scene.redo() else None
 
     def reset(self) -> None:

@@ -1,14 +1,17 @@
 """The tool that singles out one thing: a click on it, strokes for "this" and "not this", a cut.
 
-What strokes mean is core/field/isolation's; their points are kept at rest, so that a bent object
-can be worked on.  The preview marks sub-tets in two colors.  The cut is a deletion like any other:
-sessions have it, and it can be undone.
+What strokes mean is core/field/isolation's, found out in a thread; their points are kept at rest,
+so that a bent object can be worked on.  Before the first stroke, flat parts that go on beyond the
+object are offered.  The preview marks sub-tets in two colors.  A cut is a deletion like any other:
+sessions have it, and it can be undone.  Until then undo takes strokes back.
 
 Shapes: T tets, N occupied sub-tets, n of them that are marked.
 """
 
-from concurrent.futures import Future, ThreadPoolExecutor
+import time
+from concurrent.futures import Future
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 
@@ -19,39 +22,44 @@ from .keys import SHIFT
 from .tool import Tool
 
 BRUSH = 4.0  # points: half the width of a stroke
+OURS, OTHERS = (0.10, 0.55, 0.95), (0.95, 0.45, 0.10)  # blue and orange: told apart by all eyes
 SOLID, MARKS_MAX = 0.3, 12_000  # opacity of sub-tets that are marked, and how many at most
 NEEDS_SCIPY = "this needs the package scipy, which the extra train has"
 FIRST = "first click the object; with Shift, drag over what isn't the object"
+BESIDE = "nothing is there: click the object itself"
+WAIT = "wait until it is worked out what goes"
+SLOW = 0.4  # s, from which on it is told that something is worked out
 
 
 class Isolate(Tool):
-    """Singles out one thing."""
+    """Singles out one thing.
+
+    Attributes:
+        strokes: Those that count, one after another; another tuple after each change.
+    """
 
     word = "Isolate"
     name, title, icon = "isolate", "Isolate one thing", "object_ungroup"
     hint = "Click the object.  Drag: this.  Shift: not this.  Enter: cut the rest off.  Esc: back"
 
-    _worker: ThreadPoolExecutor | None = None
-    _coming: Future | None = None  # what strokes need, of the occupancy below
-    _of = None  # [T] uint64
+    _work: Future | None = None  # in progress, and since when
+    _since = 0.0
+    _isolation: fields.Isolation | None = None  # of what the model had at a revision
+    _isolation_of = None
+    _asked = _answered = None  # revision and strokes: of the work, and of the result
     _result: fields.Isolated | None = None
     _points = _places = None  # of the stroke in progress, at rest; middles now and at rest
 
     def __init__(self, controls):
         super().__init__(controls)
-        self.strokes: list[fields.Stroke] = []
+        self.forget()
 
     # -- the mouse -----------------------------------------------------------------------
-
-    def hover(self, pixel) -> None:
-        """Begin to look at the model before the first stroke needs it."""
-        self._begin()
 
     def press(self, pixel, modifiers) -> bool:
         point = self.view.surface_at(pixel, beside=False)
         if point is None:
             return False
-        self._begin()
         self._places = self._middles_now(), self._middles_at_rest()
         self._this, self.mode = not modifiers & SHIFT, "isolate"
         away = float(np.linalg.norm(point - self.view.camera.position))
@@ -67,10 +75,15 @@ class Isolate(Tool):
         return True
 
     def release(self, pixel, clicked, modifiers) -> None:
+        if not self._this and not self.strokes:
+            self.view.say(FIRST)
+            return
         stroke = fields.Stroke(np.array(self._points), self._this, self._radius)
-        self.strokes.append(stroke)
-        self._look()
+        self.strokes, self._undone = (*self.strokes, stroke), ()
         self.view.log("isolate", this=stroke.this, strokes=len(self.strokes))
+
+    def click(self, pixel) -> None:
+        self.view.say(BESIDE)
 
     def cancel(self) -> None:
         self._points = None
@@ -78,75 +91,129 @@ class Isolate(Tool):
     def end(self) -> None:
         self.mode, self._points, self._places = "", None, None
 
+    # -- keys ----------------------------------------------------------------------------
+
     def enter(self) -> bool:
-        """Cut off what is left out; whether there was a preview."""
-        if self._result is None or not self._is_in_hand:
-            return False
-        cuts, matter = self.scene.cuts, self._coming.result().matter
-        goes = cuts.left & ~matter.masks(self._result.kept)
+        """Cut off what is marked to go."""
+        self._follow()
+        if self.busy or self._result is None:
+            self.view.say(WAIT if self.busy else FIRST)
+            return True
+        cuts, strokes = self.scene.cuts, self.strokes
+        goes = cuts.left & ~self._isolation.matter.masks(self._result.kept)
         self.view.say(said(cuts, lambda: cuts.delete(goes)))
         self.view.log("delete", left=int(cuts.kept.sum()))
         self.forget()
-        self.scene.settings.tool = "grab"
+        if strokes:  # else flat parts have gone, and the object is still to be clicked
+            self.scene.settings.tool = "grab"
         return True
+
+    @property
+    def undoes(self) -> str:
+        return "stroke" * bool(self.strokes)
+
+    @property
+    def redoes(self) -> str:
+        return "stroke" * bool(self._undone)
+
+    def undo(self) -> None:
+        *left, last = self.strokes
+        self.strokes, self._undone = tuple(left), (*self._undone, last)
+
+    def redo(self) -> None:
+        *self._undone, last = self._undone
+        self.strokes = (*self.strokes, last)
 
     def forget(self) -> None:
         """Give up all strokes."""
-        self.strokes, self._result = [], None
+        self.strokes, self._undone, self._result, self._answered = (), (), None, None
 
     # -- what they mean ------------------------------------------------------------------
 
     @property
+    def busy(self) -> bool:
+        """Whether something is worked out."""
+        return self._work is not None
+
+    @property
+    def told(self) -> str:
+        """What is to be done, and what the colors mean."""
+        if not self._is_in_hand:
+            return ""
+        if self.busy and time.monotonic() - self._since > SLOW:
+            seconds = f"{time.monotonic() - self._since:.0f} s"
+            known = self._isolation_of == self.scene.cuts.revision
+            then = "" if known or self.strokes else ": you can click the object already"
+            return f"{'working out' if known else 'looking at the model'}, {seconds}{then}"
+        if self._result is None:
+            return "Click the object"
+        words = fields.left_out_in_words(self._isolation, self._result, where=False)
+        if not self._answered[1]:
+            return f"Orange goes: {words}.  Enter leaves it out.  Or click the object"
+        return f"Blue stays, orange goes: {words}.  Enter cuts"
+
+    @property
     def marks(self):
-        """Where sub-tets are marked now [n, 3], which are the object's [n] bool, and how large
-        a mark is; None without a preview.
+        """Where sub-tets are marked now [n, 3], in which color [n, 3], and how large a mark is;
+        None without a preview.
         """
-        if not self._is_in_hand and self.strokes:
-            self.forget()
+        self._follow()
         if self._result is None:
             return None
-        isolation = self._coming.result()
-        solid = np.flatnonzero(isolation.opacity > SOLID)
+        isolation, kept = self._isolation, self._result.kept
+        # Before the first stroke nobody knows what is the object's.
+        known = bool(self._answered[1])
+        solid = np.flatnonzero((isolation.opacity > SOLID) & (known | ~kept))
         solid = solid[:: 1 + len(solid) // MARKS_MAX]
         matter = isolation.matter
         mesh, positions = self.scene.field.mesh, self.scene.positions
         weights = subtet_corners().mean(axis=1)[matter.subtets[solid]]
         places = np.einsum("nk,nkx->nx", weights, positions[mesh.tets[matter.tets[solid]]])
-        return places, self._result.kept[solid], 0.4 * matter.edge
+        return places, np.where(kept[solid, None], OURS, OTHERS), 0.4 * matter.edge
 
     @property
     def _is_in_hand(self):
         return self.scene.settings.tool == self.name
 
-    def _begin(self):
-        """Let a thread look at what is left of the object, if that isn't known or has changed."""
-        left = self.scene.cuts.left
-        if self._coming is not None and np.array_equal(left, self._of):
-            return
-        self.forget()
-        self._worker = self._worker or ThreadPoolExecutor(1, "isolate")
-        field = replace(self.scene.field, occupancy=left)
-        self._of, self._coming = left, self._worker.submit(fields.isolation_of, field)
-
-    def _look(self):
-        """Find out what the strokes single out, and say so."""
-        if not any(stroke.this for stroke in self.strokes):
-            self.strokes.clear()
-            self.view.say(FIRST)
-            return
-        try:
-            isolation = self._coming.result()
-            self._result = fields.isolated(isolation, self.strokes)
-        except ModuleNotFoundError as error:
+    def _follow(self):
+        """Take what the thread has found out, and give it what is to be found out next."""
+        revision = self.scene.cuts.revision
+        if self._is_in_hand and self.busy and self._work.done():
+            work, self._work = self._work, None
+            self._take(work, *self._asked)
+        if not self._is_in_hand or (self._answered or (revision,))[0] != revision:
             self.forget()
-            self.view.say(NEEDS_SCIPY if error.name == "scipy" else str(error))
+        if not self._is_in_hand or self.busy:
             return
-        except ValueError as error:
-            self.strokes.pop()
+        if self._answered is None or self._answered[1] is not self.strokes:
+            self._asked, self._since = (revision, self.strokes), time.monotonic()
+            field = replace(self.scene.field, occupancy=self.scene.cuts.left)
+            self._work = in_thread(lambda: self._find(field, *self._asked))
+
+    def _find(self, field, revision, strokes):
+        """What strokes single out of a field; called in the thread."""
+        if self._isolation_of != revision:
+            self._isolation, self._isolation_of = fields.isolation_of(field), revision
+        if strokes:
+            return fields.isolated(self._isolation, strokes)
+        return fields.without_flats(self._isolation)
+
+    def _take(self, work, revision, strokes):
+        """Show what the thread has found, or say why it could not."""
+        error = work.exception()
+        if error is None:
+            if revision != self.scene.cuts.revision or strokes is not self.strokes:
+                return  # something else is to be found out by now
+            result = work.result()
+            self._result = result if strokes or result.left_out else None
+            self._answered = revision, strokes
+            self.view.log("isolated", strokes=len(strokes), flats=len(result.left_out))
+        elif isinstance(error, ValueError) and strokes:  # the last one names nothing
+            self.strokes = tuple(one for one in self.strokes if one is not strokes[-1])
             self.view.say(str(error))
-            return
-        text = fields.left_out_in_words(isolation, self._result)
-        self.view.say(f"Enter cuts off {text}")
+        elif error is not None:
+            self.view.say(NEEDS_SCIPY if getattr(error, "name", "") == "scipy" else str(error))
+            self.scene.settings.tool = "grab"
 
     def _middles_now(self):
         """Middles of what is left, now.  [N, 3]"""
@@ -162,3 +229,17 @@ class Isolate(Tool):
         """Where the matter nearest to a point is at rest.  [3]"""
         now, rest = self._places
         return rest[((now - point) ** 2).sum(axis=1).argmin()].astype(float)
+
+
+def in_thread(work) -> Future:
+    """What a function returns or raises, from a thread that no end of the program waits for."""
+    future = Future()
+
+    def run():
+        try:
+            future.set_result(work())
+        except BaseException as error:
+            future.set_exception(error)
+
+    Thread(target=run, name="isolate", daemon=True).start()
+    return future

@@ -17,10 +17,14 @@ class Tool:
         cross: Whether the mouse is shown as a cross.
         waits: Whether it waits until the mouse has moved farther than in a click.
         mode: What it does now; empty if it doesn't hold the mouse.
+        told: What it has to say now, for a line over the view.
+        busy: Whether it works something out, after which there is something new to see.
+        undoes, redoes: What of its own, not yet the object's, `undo` would take back, and `redo`
+            bring again; or empty.
     """
 
-    name = title = word = icon = hint = mode = ""
-    cross, waits, can_cancel = True, False, True
+    name = title = word = icon = hint = mode = told = undoes = redoes = ""
+    cross, waits, can_cancel, busy = True, False, True, False
     gizmo = held_drag = None
 
     def __init__(self, controls):
@@ -57,6 +61,12 @@ class Tool:
     def enter(self) -> bool:
         """Enter is pressed, and no button is down; whether the tool takes it."""
         return False
+
+    def undo(self) -> None:
+        """Take back what `undoes` names."""
+
+    def redo(self) -> None:
+        """Bring again what `redoes` names."""
 
     def cancel(self) -> None:
         """Give up what the button does: all is as it was before the press."""

@@ -178,6 +178,15 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
     return Isolated(kept, tuple(left_out))
 
 
+def without_flats(scene: Isolation) -> Isolated:
+    """What is left without the flat parts that go on beyond the object, before any stroke."""
+    left_out = surroundings_of(scene, ())
+    kept = np.ones(len(scene.matter.tets), bool)
+    for number in left_out:
+        kept &= ~shell_of(scene.flats[number], scene.matter, scene.over[number])
+    return Isolated(kept, tuple(left_out))
+
+
 def without_surroundings(scene: Isolation, place, ours, left_out) -> np.ndarray:
     """What strokes that say "this" single out from surroundings.  [N] bool
 
@@ -360,14 +369,14 @@ def kept_field(field: TetField, scene: Isolation, result: Isolated) -> TetField:
     return reduced(replace(field, occupancy=occupancy), keep)
 
 
-def left_out_in_words(scene: Isolation, result: Isolated) -> str:
-    """What was left out, how much and where: the middle of a sentence."""
+def left_out_in_words(scene: Isolation, result: Isolated, where=True) -> str:
+    """What was left out, how much and, if asked for, where: the middle of a sentence."""
     matter, gone = scene.matter, ~result.kept
     weights = scene.opacity * matter.volumes
     share = float(weights[gone].sum() / max(weights.sum(), 1e-30))
     text = f"{share:.0%} of the matter"
     solid = gone & (scene.opacity > SOLID)
-    if solid.any():
+    if where and solid.any():
         low, high = np.percentile(matter.middles[solid], [1, 99], axis=0)
         text += " (in the box " + " ".join(f"{v:.3g}" for v in (*low, *high)) + ")"
     if count := len(result.left_out):

@@ -398,6 +398,8 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     [
         ("image_size", 40),
         ("image_size", ["wide", "high"]),
+        ("views", [[0.5] * 16, [0.5] * 15]),
+        ("views", [[0.5] * 15 + ["up"]]),
         ("missing_images", 1.5),
         ("interrupted", 1),
         ("occupied_share", "half"),

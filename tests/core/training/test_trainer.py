@@ -12,6 +12,7 @@ from deformrf.core.definition import networks
 from deformrf.core.definition.networks import is_occupied
 from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
+from deformrf.core.render import in_space, views_of_rows
 from deformrf.core.training import evaluate, load_checkpoint, preset, trainer
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.run.batch import Batch
@@ -95,6 +96,11 @@ def test_an_interrupt_in_the_last_look_leaves_the_field_as_it_is(ball_data, monk
     assert trained.interrupted
     assert trained.field.options.level_count == BRIEF.level_count
     assert trained.field.mesh.tet_count == trained.report["tet_count"]
+    views, field = ball_data[0], trained.field
+    cameras = views_of_rows(field.meta["views"], views.lenses[0].width)
+    wanted = in_space(views.poses, field.world_to_model)
+    np.testing.assert_allclose([c.camera_to_world for c in cameras], wanted, atol=1e-5)
+    assert [c.height for c in cameras] == [lens.height for lens in views.lenses]
 
 
 @pytest.mark.soak

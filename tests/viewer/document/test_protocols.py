@@ -19,13 +19,14 @@ from deformrf.viewer.layers.bone_layer import WithBones
 from deformrf.viewer.layers.ground_plane import OnGround
 from deformrf.viewer.layers.handle_layer import WithSpheres
 from deformrf.viewer.layers.mesh_layer import WithMesh
+from deformrf.viewer.layers.photographed import WithPhotographs
 from deformrf.viewer.layers.radiance_layer import WithRadiance
 
 OF_THE_DOCUMENT = (
     *(Undoable, MovedByBones, Rigged, Cuttable, Grabbable, Viewed, Timed, Keyed),
     *(Beginning, OpenObject),
 )
-OF_LAYERS = WithBones, OnGround, WithSpheres, WithMesh, WithRadiance
+OF_LAYERS = WithBones, OnGround, WithSpheres, WithMesh, WithRadiance, WithPhotographs
 
 
 @pytest.fixture(scope="module")

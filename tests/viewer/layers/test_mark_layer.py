@@ -1,4 +1,4 @@
-"""Marks in two colors, where they are told."""
+"""Marks in their colors, where they are told."""
 
 import numpy as np
 import pytest
@@ -7,21 +7,21 @@ from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import Scene
 from deformrf.viewer.layers import Canvas, MarkLayer
-from deformrf.viewer.layers.mark_layer import OTHERS, OURS, mark_instances
+from deformrf.viewer.layers.mark_layer import mark_instances
 
 SIZE = 400, 300
+BLUE, ORANGE = (0.10, 0.55, 0.95), (0.95, 0.45, 0.10)
 
 
-def test_marks_have_the_color_of_their_side_and_far_ones_come_first():
+def test_marks_have_their_colors_and_far_ones_come_first():
     rng = np.random.default_rng()
-    places, ours = rng.normal(size=(40, 3)), rng.random(40) < 0.5
-    instances = mark_instances(places, ours, 0.1, np.array([0.0, -9.0, 0.0]))
+    places, tints = rng.normal(size=(40, 3)), rng.random((40, 3))
+    instances = mark_instances(places, tints, 0.1, np.array([0.0, -9.0, 0.0]))
     away = np.linalg.norm(instances[:, :3] - [0.0, -9.0, 0.0], axis=1)
     assert (np.diff(away) <= 1e-6).all()
     np.testing.assert_allclose(instances[:, 3], 0.1)
     order = np.argsort(-np.linalg.norm(places - [0.0, -9.0, 0.0], axis=1))
-    wanted = np.where(ours[order][:, None], OURS, OTHERS)
-    np.testing.assert_allclose(instances[:, 4:], wanted, rtol=1e-6)
+    np.testing.assert_allclose(instances[:, 4:], tints[order], rtol=1e-6)
 
 
 @pytest.mark.gl
@@ -34,9 +34,9 @@ def test_marks_show_where_they_are(ball, window):
     canvas, layer = Canvas(context), MarkLayer(context)
     canvas.use(SIZE)
     context.clear(0, 0, 0, 1, depth=1.0)
-    layer.draw(camera, clips, None)
+    layer.draw_marks(camera, clips, None)
     assert not canvas.read()[..., :3].any()
-    layer.draw(camera, clips, (places, np.array([True, False]), 0.02))
+    layer.draw_marks(camera, clips, (places, np.array([BLUE, ORANGE]), 0.02))
     image = canvas.read().astype(int)
     (blue, orange), _ = picking.project(camera, places)
     r, _, b = image[int(blue[1]), int(blue[0])][:3]

@@ -11,6 +11,7 @@ from deformrf.core.field import (
     isolation_of,
     kept_field,
     left_out_in_words,
+    without_flats,
 )
 from deformrf.core.field.isolation.isolating import box_of, isolation_of_graph, joined_to
 
@@ -58,6 +59,10 @@ def test_one_click_keeps_a_ball_on_a_floor_without_the_floor():
     assert len(result.left_out) == 1
     said = left_out_in_words(scene, result)
     assert "% of the matter" in said and "a flat part that goes on" in said
+    assert "box" in said and "box" not in left_out_in_words(scene, result, where=False)
+    before = without_flats(scene)  # any click
+    assert before.left_out == result.left_out
+    assert iou(before.kept, above) > 0.95
 
 
 def test_a_click_on_the_floor_keeps_the_floor():
