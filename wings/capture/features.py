@@ -4,6 +4,7 @@ Photographs are decoded by core/base/images.py, and handed to pycolmap as uprigh
 work size, a few at a time; pycolmap itself never opens a file of the user's.
 """
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,7 @@ def find_features(work: Work, begin) -> list[str]:
     ):
         # While pycolmap works at a portion, the next one is read.
         begun = [pool.submit(written, work, n, Path(folder)) for n in todo[:at_once]]
-        for portion, following in zip(portions, [*portions[1:], []], strict=True):
+        for portion, following in pairwise([*portions, []]):
             results = [future.result() for future in begun]
             begun = [pool.submit(written, work, n, Path(folder)) for n in following]
             unreadable += [result for result in results if isinstance(result, str)]

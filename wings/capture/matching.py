@@ -25,9 +25,10 @@ PAIRS_AT_ONCE = 16  # for each thread
 KEPT = 400  # photographs whose features are kept meanwhile: some 400 MB at most
 LARGEST = 512  # features of a photograph, that are compared with all others first
 ALIKE = 5  # matches of these, with which two photographs may share something
-CLOSEST = 8  # pairs of each photograph that have most of these
+CLOSEST = 24  # pairs of each photograph that have most of these: few photographs need all pairs
 GROUP, DISTANCES = 16, 2**26  # photographs that a GPU compares one with; distances it holds
 TRIALS = 2000  # of RANSAC, at most
+SOUGHT = 12  # matches that samples are enough for: of LEAST_MATCHES, noise keeps some from fitting
 LEAST_RATIO = 0.25  # of a pair's matches that fit together, at least: pycolmap's default
 
 
@@ -174,8 +175,8 @@ def geometry_of(one: Features, other: Features, matches=None):
         return pycolmap.TwoViewGeometry()
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.max_num_trials = TRIALS
-    # Fewer than LEAST_MATCHES are nothing, so trials that would find fewer are in vain.
-    options.ransac.min_inlier_ratio = max(LEAST_RATIO, LEAST_MATCHES / len(matches))
+    # Fewer than LEAST_MATCHES are nothing, so samples that would find fewer are in vain.
+    options.ransac.min_inlier_ratio = max(LEAST_RATIO, SOUGHT / len(matches))
     options.ransac.random_seed = SEED
     return pycolmap.estimate_two_view_geometry(
         one.camera, one.places, other.camera, other.places, matches, options
