@@ -5,9 +5,10 @@ import time
 from pathlib import Path
 
 from ..core import training
+from ..core.base.device import Choice, device_name
 from ..core.base.streams import printable
 from ..wings import capture
-from .running import is_first
+from .running import interrupts_waiting, is_first
 
 # Files of cameras that other programs write: LLFF, Metashape, Bundler, Meshroom, OpenSfM, NeuS.
 UNREAD = (
@@ -38,7 +39,11 @@ def needs_cameras(data: Path) -> bool:
 
 
 def prepared(
-    data: Path, output: Path, image_size: int | None, masks: Path | None = None
+    data: Path,
+    output: Path,
+    image_size: int | None,
+    masks: Path | None = None,
+    device: Choice = "cpu",
 ) -> tuple[Path, int | None]:
     """Find the cameras of photographs, if no file has them.
 
@@ -46,6 +51,7 @@ def prepared(
         output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
         masks: The user's folder of masks.
         image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
+        device: Where features are compared.
 
     Returns:
         The folder of the data set, and the longer side to shrink images to; None for none.
@@ -57,7 +63,7 @@ def prepared(
     work, side = output.with_suffix(".capture"), image_size or capture.IMAGE_SIZE
     if is_new and is_first():
         photos = capture.frames_of_video(data, side) if is_video else data
-        found_by(photos, work, side, is_video, masks)
+        found_by(photos, work, side, is_video, masks, device)
     elif is_first():
         capture.remove_left(work, capture.frames_folder(data) if is_video else data)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
@@ -69,7 +75,14 @@ def prepared(
     return data, image_size
 
 
-def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: Path | None = None):
+def found_by(
+    data: Path,
+    work: Path,
+    image_size: int,
+    is_sequence: bool,
+    masks: Path | None = None,
+    device: Choice = "cpu",
+):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     place = None
     if unread := next((name for name in UNREAD if (data / name).is_file()), None):
@@ -94,8 +107,10 @@ def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: 
             flush=True,
         )
 
+    with interrupts_waiting():  # it may import torch
+        where = device_name(device, for_training=True)
     try:
-        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks)
+        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks, where)
     except KeyboardInterrupt:
         if place is not None:
             print(

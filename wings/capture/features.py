@@ -1,11 +1,10 @@
-"""Features of photographs, and which of them two photographs share.
+"""Features of photographs.
 
 Photographs are decoded by core/base/images.py, and handed to pycolmap as upright PNG files of the
 work size, a few at a time; pycolmap itself never opens a file of the user's.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-from itertools import combinations
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +13,15 @@ from PIL import Image, ImageFilter
 from ...core.base.device import thread_count
 from ...core.base.images import ImageError
 from ...core.training import exposure_of, gray_of, read_mask, sharpness_of, shrunk_size
-from .library import SEED, interruptible, load_pycolmap
+from .library import Threads, interruptible, load_pycolmap
 from .photos import read_photo
-from .work import PAIRS, Look, Work, name_of, number_of
+from .work import Look, Work, name_of, number_of
 
 MOST_FEATURES = 4096  # of a photograph; the strongest
 BEYOND = 0.005  # of the longer side: features so far outside of the user's masks are kept
 FAINT = 0.002  # pycolmap's peak_threshold, which is 0.0067 for whole photographs
+MOST_AT_ONCE = 64  # photographs in memory, and as many that are read meanwhile
 FOCAL_FACTOR = 1.2  # focal length over the longer side, where EXIF doesn't say
-EXHAUSTIVE = 200  # photographs up to which all pairs are matched
-NEIGHBORS = 10  # before and after each frame of a video, or of very many photographs
-MOST_KEYS = 100  # evenly among these, that are matched with one another: ways that meet again
-PAIRS_AT_ONCE = 32  # for each thread
 LEAST_MATCHES = 15  # of a pair that shows the same thing, as in pycolmap
 
 
@@ -41,7 +37,6 @@ def find_features(work: Work, begin) -> list[str]:
     Returns:
         Why photographs were left out: they are damaged.
     """
-    pycolmap = load_pycolmap()
     with work.database() as database:
         cameras = camera_ids(work, database)
         extracted = {
@@ -52,54 +47,70 @@ def find_features(work: Work, begin) -> list[str]:
     # An interrupt may come between a photograph's features and its look.
     done = {number for number in extracted if work.has_look(number)}
     todo = [n for n in range(len(work.photos)) if n not in done]
-    unreadable, at_once = [], 2 * thread_count()
+    unreadable, at_once = [], min(2 * thread_count(), MOST_AT_ONCE)
+    portions = [todo[first : first + at_once] for first in range(0, len(todo), at_once)]
+    title = "Features of the object" if work.is_cut else "Finding features"
+    with (
+        begin(title, len(work.photos), len(done)) as advance,
+        work.temporary_folder() as folder,
+        Threads(thread_count()) as pool,
+    ):
+        # While pycolmap works at a portion, the next one is read.
+        begun = [pool.submit(written, work, n, Path(folder)) for n in todo[:at_once]]
+        for portion, following in pairwise([*portions, []]):
+            results = [future.result() for future in begun]
+            begun = [pool.submit(written, work, n, Path(folder)) for n in following]
+            unreadable += [result for result in results if isinstance(result, str)]
+            read = zip(portion, results, strict=True)
+            images = {n: result for n, result in read if not isinstance(result, str)}
+            extract(work, {n: cameras[n] for n in images if n not in extracted}, folder)
+            keep_looks(work, images, pool)
+            for path in (path for n in images for path in Path(folder).glob(f"{name_of(n)}.*")):
+                path.unlink()
+            advance(len(done) + todo.index(portion[-1]) + 1)
+    return unreadable
+
+
+def written(work: Work, number: int, folder: Path):
+    """Write a photograph as a PNG file, and its mask if the work is cut.
+
+    Returns:
+        Its pixels [h, w, 3] uint8, or why it can't be read.
+    """
+    try:
+        rgb = read_photo(work.photos[number], work.image_size)
+    except ImageError as error:
+        return str(error)
+    path = folder / f"{name_of(number)}.png"
+    Image.fromarray(rgb).save(path, compress_level=1)
+    if work.is_cut:  # pycolmap's name for the mask of an image
+        mask = object_mask(work, number, rgb.shape[1::-1])
+        Image.fromarray(mask).save(path.with_name(path.name + ".png"), compress_level=1)
+    return rgb
+
+
+def extract(work: Work, cameras: dict[int, int], folder: str):
+    """Features of photographs that were written into a folder, into the database.
+
+    Args:
+        cameras: The database's camera of each photograph.
+    """
+    pycolmap = load_pycolmap()
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = MOST_FEATURES
     if work.is_cut:
         options.sift.peak_threshold = FAINT
-    with begin(
-        "Features of the object" if work.is_cut else "Finding features", len(work.photos), len(done)
-    ) as advance:
-        for first in range(0, len(todo), at_once):
-            numbers = todo[first : first + at_once]
-            with work.temporary_folder() as folder:
-                images = written_images(work, numbers, Path(folder), unreadable)
-                missing = [n for n in images if n not in extracted]
-                for camera in {cameras[n] for n in missing}:
-                    interruptible(
-                        pycolmap.extract_features,
-                        str(work.database_path),
-                        folder,
-                        [name_of(n) + ".png" for n in missing if cameras[n] == camera],
-                        reader_options=pycolmap.ImageReaderOptions(
-                            existing_camera_id=camera, mask_path=folder if work.is_cut else ""
-                        ),
-                        extraction_options=options,
-                    )
-            keep_looks(work, images)
-            advance(len(done) + min(first + at_once, len(todo)))
-    return unreadable
-
-
-def written_images(work: Work, numbers, folder: Path, unreadable: list) -> dict:
-    """Write photographs as PNG files; those that could be read, by number.  [h, w, 3] uint8"""
-
-    def write(number):
-        try:
-            rgb = read_photo(work.photos[number], work.image_size)
-        except ImageError as error:
-            return number, str(error)
-        path = folder / f"{name_of(number)}.png"
-        Image.fromarray(rgb).save(path, compress_level=1)
-        if work.is_cut:  # pycolmap's name for the mask of an image
-            mask = object_mask(work, number, rgb.shape[1::-1])
-            Image.fromarray(mask).save(path.with_name(path.name + ".png"), compress_level=1)
-        return number, rgb
-
-    with ThreadPoolExecutor(min(len(numbers), thread_count())) as pool:
-        results = list(pool.map(write, numbers))
-    unreadable += [result for _, result in results if isinstance(result, str)]
-    return {number: rgb for number, rgb in results if not isinstance(rgb, str)}
+    for camera in set(cameras.values()):
+        interruptible(
+            pycolmap.extract_features,
+            str(work.database_path),
+            folder,
+            [name_of(n) + ".png" for n in cameras if cameras[n] == camera],
+            reader_options=pycolmap.ImageReaderOptions(
+                existing_camera_id=camera, mask_path=folder if work.is_cut else ""
+            ),
+            extraction_options=options,
+        )
 
 
 def object_mask(work: Work, number: int, size) -> np.ndarray:
@@ -147,51 +158,20 @@ def camera_ids(work: Work, database) -> dict[int, int]:
     return {n: 1 + devices.index(photo.device) for n, photo in enumerate(work.photos)}
 
 
-def keep_looks(work: Work, images: dict):
-    """Note the colors at the features of photographs, their sharpness and exposure."""
+def keep_looks(work: Work, images: dict, pool: Threads):
+    """Note the colors at the features of photographs, their sharpness and exposure.
+
+    Args:
+        images: By number.  [h, w, 3] uint8 each
+    """
     with work.database() as database:
-        for number, rgb in images.items():
-            image = database.read_image_with_name(f"{name_of(number)}.png")
-            points = database.read_keypoints(image.image_id)[:, :2]
-            columns, rows = np.clip(points.astype(int), 0, np.array(rgb.shape[1::-1]) - 1).T
-            gray = gray_of(rgb)
-            look = Look(rgb[rows, columns], sharpness_of(gray), exposure_of(gray))
-            work.keep_look(number, look)
+        keys = [database.read_image_with_name(f"{name_of(n)}.png").image_id for n in images]
+        points = [database.read_keypoints(key)[:, :2].astype(int) for key in keys]
 
+    def keep(number, points):
+        rgb = images[number]
+        columns, rows = np.clip(points, 0, np.array(rgb.shape[1::-1]) - 1).T
+        gray = gray_of(rgb)
+        work.keep_look(number, Look(rgb[rows, columns], sharpness_of(gray), exposure_of(gray)))
 
-def match_photos(work: Work, is_sequence: bool, begin):
-    """Match the features of pairs of photographs that have not been matched yet."""
-    pycolmap = load_pycolmap()
-    with work.database() as database:
-        ids = {number_of(image.name): image.image_id for image in database.read_all_images()}
-        pairs = pairs_to_match(sorted(ids), is_sequence)
-        todo = [(a, b) for a, b in pairs if not database.exists_two_view_geometry(ids[a], ids[b])]
-    verification = pycolmap.TwoViewGeometryOptions()
-    # Pairs that show nothing in common would have 10,000: a third of the time, for no pair more.
-    verification.ransac.max_num_trials = 2000
-    verification.ransac.random_seed = SEED
-    at_once = PAIRS_AT_ONCE * thread_count()
-    listed = work.folder / PAIRS
-    with begin("Matching photographs", len(pairs), len(pairs) - len(todo)) as advance:
-        for first in range(0, len(todo), at_once):
-            chunk = todo[first : first + at_once]
-            lines = [f"{name_of(a)}.png {name_of(b)}.png\n" for a, b in chunk]
-            listed.write_text("".join(lines), encoding="ascii")
-            interruptible(
-                pycolmap.match_image_pairs,
-                str(work.database_path),
-                pairing_options=pycolmap.ImportedPairingOptions(match_list_path=str(listed)),
-                verification_options=verification,
-            )
-            advance(len(pairs) - len(todo) + min(first + at_once, len(todo)))
-
-
-def pairs_to_match(numbers, is_sequence: bool) -> list[tuple[int, int]]:
-    """Pairs of photographs: all of them, or along a video and among frames spread over it."""
-    if not is_sequence and len(numbers) <= EXHAUSTIVE:
-        return list(combinations(numbers, 2))
-    places = range(len(numbers))
-    near = {(i, j) for i in places for j in range(i + 1, min(i + 1 + NEIGHBORS, len(numbers)))}
-    step = max(-(-len(numbers) // MOST_KEYS), 3)
-    near |= set(combinations(places[::step], 2))
-    return [(numbers[i], numbers[j]) for i, j in sorted(near)]
+    list(pool.map(keep, images, points))

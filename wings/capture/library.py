@@ -39,6 +39,13 @@ def load_pycolmap():
     return pycolmap
 
 
+class Threads(ThreadPoolExecutor):
+    """Threads that end soon after Ctrl-C: calls that have not begun by the end are given up."""
+
+    def __exit__(self, *error):
+        self.shutdown(cancel_futures=True)
+
+
 def interruptible(call: Callable, *arguments, each: Callable = lambda: None, **named):
     """Call a function of pycolmap in a thread, so that Ctrl-C is heard meanwhile.
 

@@ -24,7 +24,7 @@ from ...core.base.paths import whole_file
 from .library import load_pycolmap
 from .photos import Photo
 
-LISTING, PAIRS = "work.json", "pairs.txt"
+LISTING = "work.json"
 DATABASES = ("features.db", "object.db")  # of whole photographs, of the object alone
 TEMPORARY = ".temporary-"
 VERSION = 2
@@ -33,7 +33,7 @@ LOOK = r"\d{6,}(-object)?\.npz"
 MATTE = r"\d{6,}\.png"
 # What paths.whole_file is writing.
 PARTIAL = r"\.(work|\d{6,}(-object)?)-[0-9a-f]{8}\.part\.(json|npz|png)"
-OURS = re.compile(
+OURS = re.compile(  # earlier versions wrote pairs.txt
     rf"work\.json|pairs\.txt|(features|object)\.db(-journal|-wal|-shm)?|{LOOK}|{MATTE}|{PARTIAL}"
 )
 TEMPORARY_FOLDER = re.compile(re.escape(TEMPORARY) + r"[a-z0-9_]{8}")

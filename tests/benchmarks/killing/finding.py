@@ -24,19 +24,19 @@ TOLD = "worked at: "  # before what a run does, in JSON
 
 def find(*arguments):
     """deformrf train, which says which photographs and pairs it works at."""
-    from deformrf.wings.capture import features
+    from deformrf.wings.capture import features, matching
 
-    original = features.interruptible
+    extract, alike = features.interruptible, matching.pairs_alike
 
-    def told(call, *values, **named):
-        done = {"extract_features": values[2]} if call.__name__ == "extract_features" else {}
-        if call.__name__ == "match_image_pairs":
-            with open(named["pairing_options"].match_list_path) as listed:
-                done = {"match_image_pairs": listed.read().splitlines()}
-        print(TOLD + json.dumps(done), flush=True)
-        return original(call, *values, **named)
+    def extracting(call, *values, **named):
+        print(TOLD + json.dumps({"features": values[2]}), flush=True)
+        return extract(call, *values, **named)
 
-    features.interruptible = told
+    def comparing(pairs, *values):
+        print(TOLD + json.dumps({"pairs": pairs}), flush=True)
+        return alike(pairs, *values)
+
+    features.interruptible, matching.pairs_alike = extracting, comparing
     command("train", *arguments)
 
 
@@ -94,16 +94,17 @@ class Finding(Kind):
 
     def known(self):
         """What the work folder holds: photographs that have all that is needed, and pairs."""
-        if not (self.kept / work.DATABASE).exists():
+        if not (self.kept / work.DATABASES[0]).exists():
             return set(), set()
         copy = self.folder / "copy"
         shutil.rmtree(copy, ignore_errors=True)
         shutil.copytree(self.kept, copy)
-        with load_pycolmap().Database.open(str(copy / work.DATABASE)) as database:
+        with load_pycolmap().Database.open(str(copy / work.DATABASES[0])) as database:
             images = {image.image_id: image.name for image in database.read_all_images()}
             done = {name for key, name in images.items() if database.exists_descriptors(key)}
             pairs = [p for p in combinations(images, 2) if database.exists_two_view_geometry(*p)]
-            return done, {frozenset((images[a], images[b])) for a, b in pairs}
+            number = {key: work.number_of(name) for key, name in images.items()}
+            return done, {frozenset((number[a], number[b])) for a, b in pairs}
 
     def go_on(self, kept, result):
         """Run the command again, to its end."""
@@ -117,8 +118,8 @@ class Finding(Kind):
             return
         again = re.findall(TOLD + "(.*)", ended.said)
         again = [json.loads(line) for line in again]
-        features = {name for line in again for name in line.get("extract_features", ())}
-        pairs = {frozenset(p.split()) for line in again for p in line.get("match_image_pairs", ())}
+        features = {name for line in again for name in line.get("features", ())}
+        pairs = {frozenset(pair) for line in again for pair in line.get("pairs", ())}
         if features & kept[0] or pairs & kept[1]:
             raise Fault(f"worked at again: {features & kept[0]}, {len(pairs & kept[1])} pairs")
         if len(features | kept[0]) != PHOTOS or len(pairs | kept[1]) != PAIRS:

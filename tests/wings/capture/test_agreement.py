@@ -16,6 +16,7 @@ from deformrf.wings.capture import (
     doubts_about,
     features,
     mapping,
+    matching,
     photos,
     work,
 )
@@ -33,7 +34,7 @@ def found(tmp_path_factory):
     kept, _ = work.open_work(folder / "work", photos.find_photos(folder)[0], 240)
     with Phases() as phases:
         features.find_features(kept, phases.phase)
-        features.match_photos(kept, False, phases.phase)
+        matching.match_photos(kept, False, phases.phase)
         return kept, cameras.placed(mapping.map_photos(kept, phases.phase))
 
 

@@ -22,10 +22,10 @@ from deformrf.wings import capture
 from deformrf.wings.capture import (
     CaptureError,
     cameras,
-    features,
     find_cameras,
     library,
     mapping,
+    matching,
     work,
 )
 
@@ -99,7 +99,7 @@ def test_an_interrupted_search_goes_on(photos, tmp_path, monkeypatch):
     calls = []
     (kept / "000003.npz").unlink()  # an interrupt came between features and look
     pycolmap = library.load_pycolmap()
-    for name in ("extract_features", "match_image_pairs"):
+    for name in ("extract_features", "estimate_two_view_geometry"):
         monkeypatch.setattr(pycolmap, name, lambda *a, name=name, **n: calls.append(name))
     assert len(find_cameras(photos, kept).photos) == COUNT
     assert not calls, "features and matches were kept"
@@ -231,9 +231,9 @@ def test_the_command_keeps_what_was_done_at_ctrl_c(call, trainer, photos, tmp_pa
 
 
 def test_pairs_of_few_photographs_are_all_of_videos_those_near_and_keys():
-    assert len(features.pairs_to_match(range(50), False)) == 50 * 49 // 2
+    assert len(matching.pairs_to_match(range(50), False)) == 50 * 49 // 2
     for count in (30, 400, 2000):
-        pairs = features.pairs_to_match(range(count), True)
+        pairs = matching.pairs_to_match(range(count), True)
         assert len(set(pairs)) == len(pairs) < min(count * 13 + 5100, count * (count - 1) / 2)
         assert {(i, i + 1) for i in range(count - 1)} <= set(pairs)
 

@@ -1,0 +1,70 @@
+"""Matches of descriptors: NumPy and torch find what the definition says, ties included."""
+
+import numpy as np
+import pytest
+
+from deformrf.wings.capture import nearest
+
+
+def descriptors(rng, count, like=None):
+    """Like SIFT's: whole numbers, of a length of 512; some near those of another photograph."""
+    found = rng.gamma(0.5, size=(count, 128))
+    if like is not None:
+        places = rng.integers(len(like), size=count // 2)
+        found[: count // 2] = like[places] * rng.uniform(0.7, 1.3, (count // 2, 128))
+    found *= 512.0 / np.linalg.norm(found, axis=1, keepdims=True)
+    return np.minimum(np.round(found), 255.0)
+
+
+def reference(one, other):
+    """All distances in float64, each row and each column sorted."""
+    if not (len(one) and len(other)):
+        return set()
+    off = ((one[:, None] - other) ** 2).sum(-1)
+
+    def clear(off):
+        nearest = off.argmin(axis=1)
+        best, second = np.sort(np.pad(off, ((0, 0), (0, 1)), constant_values=np.inf))[:, :2].T
+        good = (best <= 0.49 * 512.0**2) & (25 * best < 16 * second)
+        return {(i, int(nearest[i])) for i in np.flatnonzero(good).tolist()}
+
+    return clear(off) & {(i, j) for j, i in clear(off.T)}
+
+
+def found(xp, one, others, most):
+    """What matches_of finds, by the other photograph."""
+    padded = np.zeros((len(others), max(map(len, others)), 128), np.float32)
+    for row, other in zip(padded, others, strict=True):
+        row[: len(other)] = other
+    arrays = [a if xp is np else xp.from_numpy(a) for a in (one.astype(np.float32), padded)]
+    which, i, j = (np.asarray(x) for x in nearest.matches_of(*arrays, xp, most))
+    return [set(zip(i[which == n], j[which == n], strict=True)) for n in range(len(others))]
+
+
+@pytest.mark.parametrize("module", ["numpy", "torch"])
+def test_what_is_clearly_nearest_both_ways_matches(module):
+    xp, rng = pytest.importorskip(module), np.random.default_rng()
+    one = descriptors(rng, 90)
+    others = [descriptors(rng, count, one) for count in (120, 1, 0, 70)]
+    others[0][60:64] = others[0][:4]  # what is there twice is no match
+    others[3][:5] = one[:5]
+    one[5] = one[0]
+    expected = [reference(one, other) for other in others]
+    assert len(expected[0]) > 15 and len(expected[3]) > 10
+    assert (1, 1) in expected[3] and (0, 0) not in expected[3]
+    for most in (1, 999, nearest.MOST):
+        assert found(xp, one, others, most) == expected
+    assert found(xp, one[:0], others, 99) == [set()] * 4
+    assert found(xp, one, others[2:3], 99) == [set()]
+
+
+def test_products_of_the_longest_descriptors_are_exact():
+    """Of twice the length of SIFT's and more: a difference of 1 in one of 128 components counts."""
+    one = np.full((1, 128), 255.0)
+    other = np.tile(one, (3, 1))
+    other[0, :25] -= 1.0  # 25, and 16: the nearest is 4 / 5 as far, which is not enough
+    other[1, :16] -= 1.0
+    other[2] = 0.0
+    for fewer, matches in ((0, set()), (1, {(0, 1)})):
+        other[1, :fewer] = 255.0
+        assert found(np, one, [other], 99) == [matches] == [reference(one, other)]
