@@ -5,10 +5,9 @@ import time
 from pathlib import Path
 
 from ..core import training
-from ..core.base.device import Choice, device_name
 from ..core.base.streams import printable
 from ..wings import capture
-from .running import interrupts_waiting, is_first
+from .running import is_first
 
 # Files of cameras that other programs write: LLFF, Metashape, Bundler, Meshroom, OpenSfM, NeuS.
 UNREAD = (
@@ -39,11 +38,7 @@ def needs_cameras(data: Path) -> bool:
 
 
 def prepared(
-    data: Path,
-    output: Path,
-    image_size: int | None,
-    masks: Path | None = None,
-    device: Choice = "cpu",
+    data: Path, output: Path, image_size: int | None, masks: Path | None = None
 ) -> tuple[Path, int | None]:
     """Find the cameras of photographs, if no file has them.
 
@@ -51,7 +46,6 @@ def prepared(
         output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
         masks: The user's folder of masks.
         image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
-        device: Where features are compared.
 
     Returns:
         The folder of the data set, and the longer side to shrink images to; None for none.
@@ -63,7 +57,7 @@ def prepared(
     work, side = output.with_suffix(".capture"), image_size or capture.IMAGE_SIZE
     if is_new and is_first():
         photos = capture.frames_of_video(data, side) if is_video else data
-        found_by(photos, work, side, is_video, masks, device)
+        found_by(photos, work, side, is_video, masks)
     elif is_first():
         capture.remove_left(work, capture.frames_folder(data) if is_video else data)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
@@ -75,14 +69,7 @@ def prepared(
     return data, image_size
 
 
-def found_by(
-    data: Path,
-    work: Path,
-    image_size: int,
-    is_sequence: bool,
-    masks: Path | None = None,
-    device: Choice = "cpu",
-):
+def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: Path | None = None):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     place = None
     if unread := next((name for name in UNREAD if (data / name).is_file()), None):
@@ -107,10 +94,8 @@ def found_by(
             flush=True,
         )
 
-    with interrupts_waiting():  # it may import torch
-        where = device_name(device, for_training=True)
     try:
-        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks, where)
+        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks)
     except KeyboardInterrupt:
         if place is not None:
             print(

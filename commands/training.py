@@ -185,8 +185,7 @@ def prepare_training(
     resumed = resumed_run(arguments, checkpoint_path) if begun else None
     check_checkpoint(checkpoint_path)
     options = resumed.options if resumed else train_options(arguments)
-    size, masks = arguments.image_size, arguments.masks
-    folder, image_size = prepared(arguments.data, output, size, masks, arguments.device)
+    folder, image_size = prepared(arguments.data, output, arguments.image_size, arguments.masks)
     arguments = replace(arguments, data=folder, image_size=image_size)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)

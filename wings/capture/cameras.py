@@ -81,7 +81,6 @@ def find_cameras(
     is_sequence: bool = False,
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
     masks: str | Path | None = None,
-    device: str = "cpu",
 ) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
@@ -95,7 +94,6 @@ def find_cameras(
         on_work: Called with the folder of the work, and whether work goes on there.
         masks: Folder of the photographs' masks (core/training/data/masks.py): only what they show
             is followed.
-        device: Warp's name of what compares features; all else runs on the CPU.
 
     Raises:
         CaptureError: The photographs don't fit together, are too few, or can't be read.
@@ -118,7 +116,7 @@ def find_cameras(
     with Phases() as phases:
         unreadable += find_features(work, phases.phase)
         rings = find_turning(work, phases.phase)
-        work, mapped = mapped_by(work, rings, is_sequence, phases.phase, device)
+        work, mapped = mapped_by(work, rings, is_sequence, phases.phase)
         check_mapped(folder, work, mapped, rings)
         mapped = checked(folder, len(photos), mapped)
         check_mapped(folder, work, mapped, rings)  # without cameras that aren't known
@@ -144,9 +142,7 @@ def find_cameras(
     return capture
 
 
-def mapped_by(
-    work: Work, rings, is_sequence: bool, begin, device: str
-) -> tuple[Work, Mapped | None]:
+def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped | None]:
     """The cameras, by features of the object alone where masks or rings tell it.
 
     If few photographs have cameras by the user's masks, all features are tried as well.
@@ -163,7 +159,7 @@ def mapped_by(
         tried.append(whole)
     best = None
     for work in tried:
-        match_photos(work, is_sequence, begin, device)
+        match_photos(work, is_sequence, begin)
         mapped = map_photos(work, begin, rings, still)
         if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):
             best = work, mapped

@@ -1,13 +1,13 @@
 """Which features two photographs share: descriptors that match, in places that fit together.
 
-Descriptors are compared here (nearest.py), on a GPU where there is one.  RANSAC is pycolmap's: of
-a pair's matches it keeps those that two cameras can have seen.
+Descriptors are compared here (nearest.py).  RANSAC is pycolmap's: of a pair's matches it keeps
+those that two cameras can have seen.
 """
 
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import combinations, groupby, repeat
+from itertools import combinations
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -26,7 +26,6 @@ KEPT = 400  # photographs whose features are kept meanwhile: some 400 MB at most
 LARGEST = 512  # features of a photograph, that are compared with all others first
 ALIKE = 5  # matches of these, with which two photographs may share something
 CLOSEST = 24  # pairs of each photograph that have most of these: few photographs need all pairs
-GROUP, DISTANCES = 16, 2**26  # photographs that a GPU compares one with; distances it holds
 TRIALS = 2000  # of RANSAC, at most
 SOUGHT = 12  # matches that samples are enough for: of LEAST_MATCHES, noise keeps some from fitting
 LEAST_RATIO = 0.25  # of a pair's matches that fit together, at least: pycolmap's default
@@ -39,59 +38,52 @@ class Features:
     Attributes:
         camera: pycolmap's.
         places: In the image.  [m, 2] float64
-        descriptors: [m, 128] uint8, an array or a GPU's tensor
+        descriptors: [m, 128] uint8
         largest: Descriptors of those that cover most pixels.  [at most LARGEST, 128] uint8
     """
 
     camera: object
     places: np.ndarray
-    descriptors: object
+    descriptors: np.ndarray
     largest: np.ndarray
 
 
-def match_photos(work: Work, is_sequence: bool, begin, device: str = "cpu"):
+def match_photos(work: Work, is_sequence: bool, begin):
     """Match the features of pairs of photographs that have not been matched yet.
 
     Args:
         begin: Phases.phase.
-        device: Warp's name of what compares the descriptors.
     """
     with work.database() as database:
         images = {number_of(image.name): image for image in database.read_all_images()}
         pairs = pairs_to_match(sorted(images), is_sequence)
         keys = {pair: tuple(images[number].image_id for number in pair) for pair in pairs}
         todo = [pair for pair in pairs if not database.exists_two_view_geometry(*keys[pair])]
-        features = lru_cache(KEPT)(partial(features_of, database, images, device))
+        features = lru_cache(KEPT)(partial(features_of, database, images))
         at_once = PAIRS_AT_ONCE * thread_count()
         with threadpool_limits(1, "blas"), Threads(thread_count()) as pool:  # a product in each
-            if device == "cpu":
-                chosen = pairs_alike(todo, features, begin, pool)
-                for pair in sorted(set(todo) - chosen):
-                    database.write_two_view_geometry(*keys[pair], load_pycolmap().TwoViewGeometry())
-                todo = sorted(chosen)
+            chosen = pairs_alike(todo, features, begin, pool)
+            for pair in sorted(set(todo) - chosen):
+                database.write_two_view_geometry(*keys[pair], load_pycolmap().TwoViewGeometry())
+            todo = sorted(chosen)
             done = len(pairs) - len(todo)
             with begin("Matching photographs", len(pairs), done) as advance:
                 for first in range(0, len(todo), at_once):
                     chunk = todo[first : first + at_once]
                     sides = zip(*[map(features, pair) for pair in chunk], strict=True)
-                    matches = gpu_matches(features, chunk) if device != "cpu" else repeat(None)
-                    shared = pool.map(geometry_of, *sides, matches)
+                    shared = pool.map(geometry_of, *sides)
                     for pair, geometry in zip(chunk, shared, strict=True):
                         database.write_two_view_geometry(*keys[pair], geometry)
                     advance(done + first + len(chunk))
 
 
-def features_of(database, images: dict, device: str, number: int) -> Features:
+def features_of(database, images: dict, number: int) -> Features:
     """The features of one of the images in the database, which are by number."""
     image = images[number]
     keypoints = database.read_keypoints(image.image_id)
     descriptors = np.asarray(database.read_descriptors(image.image_id).data).reshape(-1, 128)
     areas = np.abs(np.linalg.det(keypoints[:, 2:6].reshape(len(keypoints), 2, 2)))
     largest = descriptors[np.argsort(-areas, kind="stable")[:LARGEST]]
-    if device != "cpu":
-        import torch
-
-        descriptors = torch.tensor(descriptors, device=device)
     places = keypoints[:, :2].astype(np.float64)
     return Features(database.read_camera(image.camera_id), places, descriptors, largest)
 
@@ -108,7 +100,7 @@ def pairs_alike(pairs, features, begin, pool) -> set[tuple[int, int]]:
     """
 
     def count(one, other):
-        return len(cpu_matches(one.largest, other.largest))
+        return len(matches_between(one.largest, other.largest))
 
     counts, of_each = {}, defaultdict(list)
     with begin("Comparing photographs", len(pairs)) as advance:
@@ -135,42 +127,16 @@ def pairs_to_match(numbers, is_sequence: bool) -> list[tuple[int, int]]:
     return [(numbers[i], numbers[j]) for i, j in sorted(near)]
 
 
-def cpu_matches(one, other) -> np.ndarray:
+def matches_between(one, other) -> np.ndarray:
     """Matches of descriptors, [m, 128] uint8 of each of two photographs.  [n, 2]"""
     one, other = one.astype(np.float32), other.astype(np.float32)
-    return np.stack(matches_of(one, other[None])[1:], axis=1)
+    return np.stack(matches_of(one, other), axis=1)
 
 
-def gpu_matches(features, pairs) -> list[np.ndarray]:
-    """Matches of each pair, all of them found on the GPU.  [n, 2]
-
-    Args:
-        features: Those of a photograph, by its number.
-        pairs: Those of one photograph stand together.
-    """
-    import torch
-
-    found = []
-    for number, group in groupby(pairs, key=lambda pair: pair[0]):
-        one = features(number).descriptors.float()
-        others = [features(other).descriptors for _, other in group]
-        for first in range(0, len(others), GROUP):
-            some = others[first : first + GROUP]
-            padded = torch.nn.utils.rnn.pad_sequence(some, batch_first=True).float()
-            matches = torch.stack(matches_of(one, padded, torch, DISTANCES), 1).cpu().numpy()
-            found += [matches[matches[:, 0] == n, 1:] for n in range(len(some))]
-    return found
-
-
-def geometry_of(one: Features, other: Features, matches=None):
-    """What two photographs share: pycolmap's TwoViewGeometry.
-
-    Args:
-        matches: Their matches, if they are known.  [n, 2]
-    """
+def geometry_of(one: Features, other: Features):
+    """What two photographs share: pycolmap's TwoViewGeometry."""
     pycolmap = load_pycolmap()
-    if matches is None:
-        matches = cpu_matches(one.descriptors, other.descriptors)
+    matches = matches_between(one.descriptors, other.descriptors)
     if len(matches) < LEAST_MATCHES:
         return pycolmap.TwoViewGeometry()
     options = pycolmap.TwoViewGeometryOptions()

@@ -1,4 +1,4 @@
-"""What pairs of photographs share: all of it is found, on a GPU as on the CPU, and once only."""
+"""What pairs of photographs share: all of it is found, and once only."""
 
 from contextlib import nullcontext
 from itertools import combinations
@@ -12,7 +12,6 @@ from deformrf.wings.capture import features, find_photos, library, matching, wor
 
 pytest.importorskip("pycolmap")
 COUNT = 24
-TORCH = "cpu:0"  # torch's name of the CPU, where it does what it does on a GPU
 SURE = 20  # matches that fit together of a pair that has to be found
 
 
@@ -63,10 +62,8 @@ def expected(extracted):
     return found
 
 
-@pytest.mark.parametrize("device", ["cpu", TORCH])
-def test_pairs_share_what_pycolmap_finds(begun, expected, device):
-    pytest.importorskip("torch" if device == TORCH else "numpy")
-    matching.match_photos(begun, False, quietly, device)
+def test_pairs_share_what_pycolmap_finds(begun, expected):
+    matching.match_photos(begun, False, quietly)
     found = shared(begun)
     assert {pair for pair, count in expected.items() if count >= SURE} <= set(found)
     assert {pair for pair, count in found.items() if count >= SURE} <= set(expected)
@@ -74,21 +71,6 @@ def test_pairs_share_what_pycolmap_finds(begun, expected, device):
     with begun.database() as database:
         keys = [image.image_id for image in database.read_all_images()]
         assert all(database.exists_two_view_geometry(*pair) for pair in combinations(keys, 2))
-
-
-def test_groups_on_a_gpu_find_what_single_pairs_find(begun, monkeypatch):
-    pytest.importorskip("torch")
-    monkeypatch.setattr(matching, "GROUP", 5)
-    with begun.database() as database:
-        images = {work.number_of(image.name): image for image in database.read_all_images()}
-        known = {
-            device: {n: matching.features_of(database, images, device, n) for n in images}
-            for device in ("cpu", TORCH)
-        }
-    pairs = list(combinations(sorted(images), 2))
-    for (a, b), found in zip(pairs, matching.gpu_matches(known[TORCH].get, pairs), strict=True):
-        one, other = (known["cpu"][number].descriptors for number in (a, b))
-        np.testing.assert_array_equal(found, matching.cpu_matches(one, other))
 
 
 def test_each_photograph_keeps_the_pairs_that_are_most_alike(begun, expected, monkeypatch):
@@ -105,11 +87,11 @@ def test_what_was_matched_before_an_interrupt_is_not_matched_again(begun, monkey
     """But for the pairs of the portion that it cut."""
     compared, original = [], matching.geometry_of
 
-    def told(one, other, matches):
+    def told(one, other):
         if len(compared) == 50:
             raise KeyboardInterrupt
         compared.append(one.places.tobytes() + other.places.tobytes())
-        return original(one, other, matches)
+        return original(one, other)
 
     monkeypatch.setattr(matching, "geometry_of", told)
     monkeypatch.setattr(matching, "PAIRS_AT_ONCE", 2)
