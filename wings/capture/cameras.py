@@ -21,6 +21,7 @@ from .agreement import Agreement, agreement
 from .features import find_features, match_photos
 from .library import load_pycolmap
 from .mapping import ENOUGH, Mapped, connected, map_photos
+from .masking import digest_of, make_mattes
 from .page import gaps_of
 from .phases import Phases
 from .photos import IMAGE_SIZE, CaptureError, Photo, find_photos
@@ -55,7 +56,8 @@ class Capture:
         rings: The photographs of each place where the camera stood still, by number.
         found: Masks, and the object's box, if masks or rings tell them.
         masks_at: Where the masks were written; None if none were.
-        whole: Whether all of each photograph was followed, though the user gave masks.
+        program: The program that made them first; "" without one.
+        whole: Whether all of each photograph was followed, though there are masks.
     """
 
     folder: Path
@@ -69,6 +71,7 @@ class Capture:
     rings: tuple[tuple[int, ...], ...] = ()
     found: FoundMasks | None = None
     masks_at: Path | None = None
+    program: str = ""
     whole: bool = False
 
 
@@ -79,6 +82,7 @@ def find_cameras(
     is_sequence: bool = False,
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
     masks: str | Path | None = None,
+    program: tuple[str, ...] = (),
 ) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
@@ -92,9 +96,11 @@ def find_cameras(
         on_work: Called with the folder of the work, and whether work goes on there.
         masks: Folder of the photographs' masks (core/training/data/masks.py): only what they show
             is followed.
+        program: Instead, the words of a program that makes them (masking.py).
 
     Raises:
-        CaptureError: The photographs don't fit together, are too few, or can't be read.
+        CaptureError: The photographs don't fit together, are too few, or can't be read; or the
+            program failed.
         DatasetError: The masks are not as they have to be.
         ModuleNotFoundError: pycolmap is not installed.
         OSError: Nothing can be written beside the photographs.
@@ -109,9 +115,12 @@ def find_cameras(
     photos, unreadable = find_photos(photos_at)
     check_count(folder, photos, unreadable)
     given = () if masks is None else mask_paths(masks, photos)
-    work, again = open_work(Path(work_folder), photos, image_size, given)
+    by = digest_of(program) if program else ""
+    work, again = open_work(Path(work_folder), photos, image_size, given, by)
     on_work(work.folder, again)
     with Phases() as phases:
+        if program:
+            make_mattes(work, program, phases.phase)
         unreadable += find_features(work, phases.phase)
         rings = find_turning(work, phases.phase)
         work, mapped = mapped_by(work, rings, is_sequence, phases.phase)
@@ -119,7 +128,7 @@ def find_cameras(
         mapped = checked(folder, len(photos), mapped)
         check_mapped(folder, work, mapped, rings)  # without cameras that aren't known
         mapped = placed(mapped)
-        found = find_masks(work, mapped, phases.phase) if rings or given else None
+        found = find_masks(work, mapped, phases.phase) if rings or work.has_masks else None
     taken = set(mapped.numbers.tolist())
     capture = Capture(
         folder,
@@ -133,7 +142,8 @@ def find_cameras(
         tuple(rings),
         found,
         write_masks(folder, photos, found) if found and found.masks else None,
-        bool(given) and not work.is_cut,
+        program[0] if program else "",
+        work.has_masks and not work.is_cut,
     )
     write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
     work.remove()
@@ -143,13 +153,14 @@ def find_cameras(
 def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped | None]:
     """The cameras, by features of the object alone where masks or rings tell it.
 
-    If few photographs have cameras by the user's masks, all features are tried as well.
+    If few photographs have cameras by the masks of the user or a program, all features are tried
+    as well.
 
     Returns:
         The work with the features that were used, too.
     """
     whole, tried = work, []
-    if rings or work.masks:
+    if rings or work.has_masks:
         tried = [replace(work, is_cut=True)]
         find_features(tried[0], begin)
     if not rings:
@@ -268,6 +279,19 @@ def mask_name(photo: Photo) -> str:
     return f"{photo.path.name}.png"
 
 
+def said_of_masks(capture: Capture) -> str:
+    """Whose masks the written ones are, as the beginning of a sentence."""
+    if not capture.program:
+        return "What turns was cut out by masks"
+    names = dict(zip(capture.mapped.numbers.tolist(), capture.photos, strict=True))
+    wrong = [names[number].path.name for number in capture.found.overruled]
+    text = f"The masks of {capture.program} were mended by the votes of all photographs"
+    if not wrong:
+        return text
+    shown = ", ".join(wrong[:NAMES_SHOWN]) + (" and others" if len(wrong) > NAMES_SHOWN else "")
+    return f"{text} (what it took for the object in {len(wrong)} of them, {shown}, was not used)"
+
+
 def write(capture: Capture, sharpness: dict):
     """Write transforms.json, which is never overwritten, and points.npz."""
     frames = []
@@ -309,6 +333,17 @@ def is_capture(folder: Path) -> bool:
         return False
 
 
+def names_masks(folder: Path) -> bool:
+    """Whether a folder's transforms.json was written here and names masks."""
+    if not is_capture(folder):
+        return False
+    try:
+        scene = json.loads(read_text(Path(folder) / TRANSFORMS_FILE))
+        return any("mask_path" in frame for frame in scene["frames"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # edited
+        return False
+
+
 def doubts_about(folder: Path) -> list[str]:
     """Sentences about cameras that were found here and may be wrong; none if nothing tells so."""
     if not is_capture(folder):
@@ -334,8 +369,13 @@ def summary(capture: Capture) -> str:
             text += " It did not turn about one axis, so each camera was found by itself."
     if capture.masks_at:
         text += (
-            f"\nWhat turns was cut out by masks, in {capture.masks_at}: mend what is wrong there, "
-            f"or give others by --masks."
+            f"\n{said_of_masks(capture)}, in {capture.masks_at}: mend what is wrong there, or give "
+            f"others by --masks."
+        )
+    elif capture.program and not capture.found:
+        text += (
+            f"\nWhat {capture.program} takes for the object is not one thing in space, so its "
+            f"masks are not used."
         )
     if capture.whole:
         text += (
