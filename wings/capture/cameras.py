@@ -57,7 +57,7 @@ class Capture:
         found: Masks, and the object's box, if masks or rings tell them.
         masks_at: Where the masks were written; None if none were.
         program: The program that made them first; "" without one.
-        whole: Whether all of each photograph was followed, though there are masks.
+        whole: Whether all of each photograph was followed, though the user gave masks.
     """
 
     folder: Path
@@ -142,8 +142,8 @@ def find_cameras(
         tuple(rings),
         found,
         write_masks(folder, photos, found) if found and found.masks else None,
-        program[0] if program else "",
-        work.has_masks and not work.is_cut,
+        Path(program[0]).name if program else "",
+        bool(given) and not work.is_cut,
     )
     write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
     work.remove()
@@ -153,8 +153,8 @@ def find_cameras(
 def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped | None]:
     """The cameras, by features of the object alone where masks or rings tell it.
 
-    If few photographs have cameras by the masks of the user or a program, all features are tried
-    as well.
+    If few photographs have cameras by the user's masks, all features are tried as well.  Masks by a
+    program err, so by these features of the object are the second try; rings have mattes.
 
     Returns:
         The work with the features that were used, too.
@@ -162,11 +162,12 @@ def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped
     whole, tried = work, []
     if rings or work.has_masks:
         tried = [replace(work, is_cut=True)]
-        find_features(tried[0], begin)
     if not rings:
-        tried.append(whole)
+        tried.insert(0 if work.program else 1, whole)
     best = None
     for work in tried:
+        if work.is_cut:
+            find_features(work, begin)
         match_photos(work, is_sequence, begin)
         mapped = map_photos(work, begin, rings)
         if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):

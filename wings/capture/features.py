@@ -110,7 +110,7 @@ def object_mask(work: Work, number: int, size) -> np.ndarray:
     """
     if work.masks:
         mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
-    elif (mask := work.matte(number)) is None:
+    elif (mask := work.matte(number)) is None and (mask := work.matte(number, made=True)) is None:
         return np.full(size[::-1], 255, np.uint8)
     else:
         mask = np.asarray(Image.fromarray(mask).resize(size, Image.Resampling.NEAREST))

@@ -97,7 +97,7 @@ def make_mattes(work: Work, words, begin):
     Raises:
         CaptureError: The program failed, or wrote no mask.
     """
-    todo = [n for n in range(len(work.photos)) if work.matte(n) is None]
+    todo = [n for n in range(len(work.photos)) if work.matte(n, made=True) is None]
     done, total, stop = len(work.photos) - len(todo), len(work.photos), threading.Event()
     at_once = min(AT_ONCE, max(1, thread_count() // THREADS_EACH))
     pool = ThreadPoolExecutor(at_once)
@@ -139,7 +139,7 @@ def make_matte(work: Work, number: int, words, seconds: float, stop: threading.E
             mask = read_made(target, size)
         except ProgramError as error:
             raise CaptureError(f"--mask-with: for {photo.path.name}, {words[0]} {error}") from None
-    work.keep_matte(number, matte_of(mask))
+    work.keep_matte(number, matte_of(mask), made=True)
 
 
 def run_program(words, seconds: float, stop: threading.Event):

@@ -42,7 +42,7 @@ class FoundMasks:
 def find_turning(work: Work, begin) -> list[tuple[int, ...]]:
     """Rings of photographs in which the object turns; none if the camera did not stand still.
 
-    Their mattes are in the work folder, unless the user has given masks or a program for them.
+    Their mattes are in the work folder, unless the user has given masks.
 
     Args:
         begin: Phases.phase.
@@ -50,7 +50,7 @@ def find_turning(work: Work, begin) -> list[tuple[int, ...]]:
     rings = find_rings(work, begin)
     if sum(map(len, rings)) < HALF * len(work.photos):
         return []
-    if not work.has_masks:
+    if not work.masks:
         keep_mattes(work, rings, begin)
     shown = [
         np.median([(object_mask(work, n, size_of(work, n)) > 0).mean() for n in ring])
@@ -119,7 +119,7 @@ def find_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
 def view_of(work: Work, mapped: Mapped, row: int) -> View:
     """A photograph that has a camera, with its matte, or with the user's mask as such."""
     number = int(mapped.numbers[row])
-    matte = work.matte(number)
+    matte = work.matte(number, made=bool(work.program))
     size = size_of(work, number) if matte is None else matte.shape[::-1]
     lens = mapped.lenses[row].copy()
     scale = np.array(size) / lens[5:]

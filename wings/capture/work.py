@@ -30,9 +30,9 @@ TEMPORARY = ".temporary-"
 VERSION, KEYS = 3, {"version", "image_size", "photos", "masks", "program"}
 LARGEST = 2**24  # bytes of a listing that is read: of a hundred thousand photographs
 LOOK = r"\d{6,}(-object)?\.npz"
-MATTE = r"\d{6,}\.png"
+MATTE = r"\d{6,}(-made)?\.png"
 # What paths.whole_file is writing.
-PARTIAL = r"\.(work|\d{6,}(-object)?)-[0-9a-f]{8}\.part\.(json|npz|png)"
+PARTIAL = r"\.(work|\d{6,}(-object|-made)?)-[0-9a-f]{8}\.part\.(json|npz|png)"
 OURS = re.compile(
     rf"work\.json|pairs\.txt|(features|object)\.db(-journal|-wal|-shm)?|{LOOK}|{MATTE}|{PARTIAL}"
 )
@@ -66,7 +66,7 @@ class Work:
         photos: In the order of their numbers.
         image_size: Longer side that they are shrunk to [pixels].
         masks: The user's, one for each photograph, or none.
-        program: What masking.digest_of says of the program that makes the mattes; "" without one.
+        program: What masking.digest_of says of the program that makes masks; "" without one.
         is_cut: Whether database and looks are those of the object alone.
     """
 
@@ -93,19 +93,23 @@ class Work:
     def look_path(self, number: int) -> Path:
         return self.folder / f"{name_of(number)}{'-object' if self.is_cut else ''}.npz"
 
-    def matte_path(self, number: int) -> Path:
-        return self.folder / f"{name_of(number)}.png"
+    def matte_path(self, number: int, made: bool = False) -> Path:
+        return self.folder / f"{name_of(number)}{'-made' if made else ''}.png"
 
-    def matte(self, number: int) -> np.ndarray | None:
-        """A photograph's matte, see mattes.py; None without one.  [h, w] uint8"""
+    def matte(self, number: int, made: bool = False) -> np.ndarray | None:
+        """A photograph's matte, see mattes.py; None without one.  [h, w] uint8
+
+        Args:
+            made: By the program; else by the ring that the photograph is in.
+        """
         try:
-            with open_image(self.matte_path(number)) as image:
+            with open_image(self.matte_path(number, made)) as image:
                 return np.asarray(image.convert("L"))
         except ImageError:
             return None
 
-    def keep_matte(self, number: int, matte: np.ndarray):
-        with whole_file(self.matte_path(number)) as partial:
+    def keep_matte(self, number: int, matte: np.ndarray, made: bool = False):
+        with whole_file(self.matte_path(number, made)) as partial:
             Image.fromarray(matte).save(partial)
 
     def has_look(self, number: int) -> bool:
