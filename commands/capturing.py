@@ -77,6 +77,15 @@ def prepared(
     return data, image_size
 
 
+def check_masks(masks: Path | None, mask_with: str | None):
+    """Raise a ValueError if masks are both given and to be made, or their program is not there."""
+    if mask_with is None:
+        return
+    if masks is not None:
+        raise ValueError("--masks and --mask-with exclude one another: give one of them")
+    capture.program_words(mask_with)
+
+
 def say_not_masked(data: Path):
     """Say that the masks are there already; a ValueError if they are not, though cameras are."""
     if capture.names_masks(data):

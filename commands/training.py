@@ -27,8 +27,7 @@ from ..core.base.arguments import (
 )
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import free_name
-from ..wings.capture import program_words
-from .capturing import needs_cameras, prepared
+from .capturing import check_masks, needs_cameras, prepared
 from .checking import check
 from .options import parsed
 from .running import (
@@ -168,10 +167,7 @@ def check_simple(arguments: TrainArguments) -> None:
     if not arguments.data.exists():
         raise ValueError(f"there is no {arguments.data}")
     object_size("--object-size", arguments.object_size)
-    if arguments.mask_with is not None:
-        if arguments.masks is not None:
-            raise ValueError("--masks and --mask-with exclude one another: give one of them")
-        program_words(arguments.mask_with)
+    check_masks(arguments.masks, arguments.mask_with)
     require("torch")
 
 
@@ -194,14 +190,7 @@ def prepare_training(
     resumed = resumed_run(arguments, checkpoint_path) if begun else None
     check_checkpoint(checkpoint_path)
     options = resumed.options if resumed else train_options(arguments)
-    folder, image_size = prepared(
-        arguments.data,
-        output,
-        arguments.image_size,
-        arguments.masks,
-        None if begun else arguments.mask_with,
-    )
-    arguments = replace(arguments, data=folder, image_size=image_size)
+    arguments = with_cameras(arguments, output, begun)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
     train_views = load_train_views(arguments, options, resumed)
@@ -246,6 +235,22 @@ def prepare_training(
         return ended(trained, scores, checkpoint_path)
 
     return job
+
+
+def with_cameras(arguments: TrainArguments, output: Path, begun: bool) -> TrainArguments:
+    """The same for the folder of the data set: cameras, and masks, are found first if need be.
+
+    Args:
+        begun: The run goes on from its checkpoint, so what made masks then makes none now.
+    """
+    folder, image_size = prepared(
+        arguments.data,
+        output,
+        arguments.image_size,
+        arguments.masks,
+        None if begun else arguments.mask_with,
+    )
+    return replace(arguments, data=folder, image_size=image_size)
 
 
 def check_checkpoint(path: Path) -> None:

@@ -165,7 +165,7 @@ def run_program(words, seconds: float, stop: threading.Event):
                 process.wait(POLL_SECONDS)
     finally:
         end(process)
-        reader.join(POLL_SECONDS)  # longer only if something that it has started lives on
+        reader.join(5 * POLL_SECONDS)  # longer only if something that it has started lives on
     if process.returncode:
         code = process.returncode
         how = f"failed with exit code {code}" if code > 0 else f"was ended by signal {-code}"
