@@ -38,13 +38,18 @@ def needs_cameras(data: Path) -> bool:
 
 
 def prepared(
-    data: Path, output: Path, image_size: int | None, masks: Path | None = None
+    data: Path,
+    output: Path,
+    image_size: int | None,
+    masks: Path | None = None,
+    mask_with: str | None = None,
 ) -> tuple[Path, int | None]:
     """Find the cameras of photographs, if no file has them.
 
     Args:
         output: The model to be written; unfinished work is kept beside it, as in MODEL.capture.
         masks: The user's folder of masks.
+        mask_with: The user's program that makes them while cameras are found.
         image_size: The user's; without one, captures are worked at capture.IMAGE_SIZE.
 
     Returns:
@@ -57,8 +62,11 @@ def prepared(
     work, side = output.with_suffix(".capture"), image_size or capture.IMAGE_SIZE
     if is_new and is_first():
         photos = capture.frames_of_video(data, side) if is_video else data
-        found_by(photos, work, side, is_video, masks)
+        program = capture.program_words(mask_with) if mask_with else ()
+        found_by(photos, work, side, is_video, masks, program)
     elif is_first():
+        if mask_with:
+            say_not_masked(capture.frames_folder(data) if is_video else data)
         capture.remove_left(work, capture.frames_folder(data) if is_video else data)
     while is_new and needs_cameras(data):  # torchrun ends this process if the first one fails
         time.sleep(WAIT_SECONDS)
@@ -69,7 +77,36 @@ def prepared(
     return data, image_size
 
 
-def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: Path | None = None):
+def check_masks(masks: Path | None, mask_with: str | None):
+    """Raise a ValueError if masks are both given and to be made, or their program is not there."""
+    if mask_with is None:
+        return
+    if masks is not None:
+        raise ValueError("--masks and --mask-with exclude one another: give one of them")
+    capture.program_words(mask_with)
+
+
+def say_not_masked(data: Path):
+    """Say that the masks are there already; a ValueError if they are not, though cameras are."""
+    if capture.names_masks(data):
+        print(f"The masks of {printable(data)} are there: --mask-with is not used.", flush=True)
+        return
+    way = "make masks by the program, and give their folder with --masks"
+    if capture.is_capture(data):
+        way += f", or remove {data / 'transforms.json'}"
+    raise ValueError(
+        f"--mask-with makes masks while cameras are found, and {data} has its cameras: {way}"
+    )
+
+
+def found_by(
+    data: Path,
+    work: Path,
+    image_size: int,
+    is_sequence: bool,
+    masks: Path | None = None,
+    program: tuple[str, ...] = (),
+):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     place = None
     if unread := next((name for name in UNREAD if (data / name).is_file()), None):
@@ -95,7 +132,7 @@ def found_by(data: Path, work: Path, image_size: int, is_sequence: bool, masks: 
         )
 
     try:
-        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks)
+        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks, program)
     except KeyboardInterrupt:
         if place is not None:
             print(

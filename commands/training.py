@@ -27,7 +27,7 @@ from ..core.base.arguments import (
 )
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import free_name
-from .capturing import needs_cameras, prepared
+from .capturing import check_masks, needs_cameras, prepared
 from .checking import check
 from .options import parsed
 from .running import (
@@ -107,6 +107,10 @@ class TrainArguments:
     masks: Folder = None
     """Folder of the images' masks, white where the object is: of the same names, or with _mask
     behind them; without it, those that transforms.json names, if it does."""
+    mask_with: Annotated[str | None, Arg('"PROGRAM ARG ..."')] = None
+    """Instead of --masks: a program that makes masks where cameras are found, such as "rembg i". It
+    runs once for each photograph, without a shell, reads the image {in} and writes {out}, which
+    come last if no word has them. What it gets wrong is mended by votes of all photographs."""
     check: bool = False
     """Don't train: find the cameras of photographs, and write a page about them, NAME-check.png
     beside NAME.npz."""
@@ -120,7 +124,7 @@ class TrainArguments:
     when the window is closed."""
 
     GROUPS = {  # noqa: RUF012
-        "The photographs": ("image_size", "masks", "outside_images", "check"),
+        "The photographs": ("image_size", "masks", "mask_with", "outside_images", "check"),
         "The object": (
             "aabb",
             "scene_radius",
@@ -163,6 +167,7 @@ def check_simple(arguments: TrainArguments) -> None:
     if not arguments.data.exists():
         raise ValueError(f"there is no {arguments.data}")
     object_size("--object-size", arguments.object_size)
+    check_masks(arguments.masks, arguments.mask_with)
     require("torch")
 
 
@@ -185,8 +190,7 @@ def prepare_training(
     resumed = resumed_run(arguments, checkpoint_path) if begun else None
     check_checkpoint(checkpoint_path)
     options = resumed.options if resumed else train_options(arguments)
-    folder, image_size = prepared(arguments.data, output, arguments.image_size, arguments.masks)
-    arguments = replace(arguments, data=folder, image_size=image_size)
+    arguments = with_cameras(arguments, output, begun)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
     train_views = load_train_views(arguments, options, resumed)
@@ -232,6 +236,22 @@ def prepare_training(
         return ended(trained, scores, checkpoint_path)
 
     return job
+
+
+def with_cameras(arguments: TrainArguments, output: Path, begun: bool) -> TrainArguments:
+    """The same for the folder of the data set: cameras, and masks, are found first if need be.
+
+    Args:
+        begun: The run goes on from its checkpoint, so what made masks then makes none now.
+    """
+    folder, image_size = prepared(
+        arguments.data,
+        output,
+        arguments.image_size,
+        arguments.masks,
+        None if begun else arguments.mask_with,
+    )
+    return replace(arguments, data=folder, image_size=image_size)
 
 
 def check_checkpoint(path: Path) -> None:

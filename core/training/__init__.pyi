@@ -40,7 +40,12 @@ from .data.layouts import list_images as list_images
 from .data.datasets import read_image as read_image, shrunk_size as shrunk_size, size_of as size_of
 
 # For wings/capture.
-from .data.masks import UNTOLD as UNTOLD, mask_paths as mask_paths, read_mask as read_mask
+from .data.masks import (
+    UNTOLD as UNTOLD,
+    mask_paths as mask_paths,
+    read_mask as read_mask,
+    without_classes as without_classes,
+)
 from .data.photo_files import (
     about_raw_files as about_raw_files,
     photo_files as photo_files,
@@ -51,6 +56,7 @@ from .data.points import (
     load_points as load_points,
     save_points as save_points,
 )
+from .data.posed_images import have_one_shape as have_one_shape
 from .data.sharpness import (
     exposure_of as exposure_of,
     gray_of as gray_of,

@@ -21,6 +21,7 @@ from .agreement import Agreement, agreement
 from .features import find_features
 from .library import load_pycolmap
 from .mapping import ENOUGH, Mapped, connected, map_photos
+from .masking import digest_of, make_mattes
 from .matching import match_photos
 from .page import gaps_of
 from .phases import Phases
@@ -57,6 +58,7 @@ class Capture:
         rings: The photographs of each place where the camera stood still, by number.
         found: Masks, and the object's box, if masks or rings tell them.
         masks_at: Where the masks were written; None if none were.
+        program: The program that made them first; "" without one.
         whole: Whether all of each photograph was followed, though the user gave masks.
     """
 
@@ -71,6 +73,7 @@ class Capture:
     rings: tuple[tuple[int, ...], ...] = ()
     found: FoundMasks | None = None
     masks_at: Path | None = None
+    program: str = ""
     whole: bool = False
 
 
@@ -81,6 +84,7 @@ def find_cameras(
     is_sequence: bool = False,
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
     masks: str | Path | None = None,
+    program: tuple[str, ...] = (),
 ) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
@@ -94,9 +98,11 @@ def find_cameras(
         on_work: Called with the folder of the work, and whether work goes on there.
         masks: Folder of the photographs' masks (core/training/data/masks.py): only what they show
             is followed.
+        program: Instead, the words of a program that makes them (masking.py).
 
     Raises:
-        CaptureError: The photographs don't fit together, are too few, or can't be read.
+        CaptureError: The photographs don't fit together, are too few, or can't be read; or the
+            program failed.
         DatasetError: The masks are not as they have to be.
         ModuleNotFoundError: pycolmap is not installed.
         OSError: Nothing can be written beside the photographs.
@@ -111,9 +117,12 @@ def find_cameras(
     photos, unreadable = find_photos(photos_at)
     check_count(folder, photos, unreadable)
     given = () if masks is None else mask_paths(masks, photos)
-    work, again = open_work(Path(work_folder), photos, image_size, given)
+    by = digest_of(program) if program else ""
+    work, again = open_work(Path(work_folder), photos, image_size, given, by)
     on_work(work.folder, again)
     with Phases() as phases:
+        if program:
+            make_mattes(work, program, phases.phase)
         unreadable += find_features(work, phases.phase)
         rings = find_turning(work, phases.phase)
         work, mapped = mapped_by(work, rings, is_sequence, phases.phase)
@@ -121,7 +130,7 @@ def find_cameras(
         mapped = checked(folder, len(photos), mapped)
         check_mapped(folder, work, mapped, rings)  # without cameras that aren't known
         mapped = placed(mapped)
-        found = find_masks(work, mapped, phases.phase) if rings or given else None
+        found = find_masks(work, mapped, phases.phase) if rings or work.has_masks else None
     taken = set(mapped.numbers.tolist())
     capture = Capture(
         folder,
@@ -135,6 +144,7 @@ def find_cameras(
         tuple(rings),
         found,
         write_masks(folder, photos, found) if found and found.masks else None,
+        Path(program[0]).name if program else "",
         bool(given) and not work.is_cut,
     )
     write(capture, {n: work.look(n).sharpness for n in mapped.numbers})
@@ -145,20 +155,22 @@ def find_cameras(
 def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped | None]:
     """The cameras, by features of the object alone where masks or rings tell it.
 
-    If few photographs have cameras by the user's masks, all features are tried as well.
+    If few photographs have cameras by the user's masks, all features are tried as well.  Masks by a
+    program err, so by these features of the object are the second try; rings have mattes.
 
     Returns:
         The work with the features that were used, too.
     """
     whole, tried = work, []
     still = find_still(work, rings) if len(rings) > 1 else None
-    if rings or work.masks:
+    if rings or work.has_masks:
         tried = [replace(work, is_cut=True)]
-        find_features(tried[0], begin)
     if not rings:
-        tried.append(whole)
+        tried.insert(0 if work.program else 1, whole)
     best = None
     for work in tried:
+        if work.is_cut:
+            find_features(work, begin)
         match_photos(work, is_sequence, begin)
         mapped = map_photos(work, begin, rings, still)
         if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):
@@ -271,6 +283,19 @@ def mask_name(photo: Photo) -> str:
     return f"{photo.path.name}.png"
 
 
+def said_of_masks(capture: Capture) -> str:
+    """Whose masks the written ones are, as the beginning of a sentence."""
+    if not capture.program:
+        return "What turns was cut out by masks"
+    names = dict(zip(capture.mapped.numbers.tolist(), capture.photos, strict=True))
+    wrong = [names[number].path.name for number in capture.found.overruled]
+    text = f"The masks of {capture.program} were mended by the votes of all photographs"
+    if not wrong:
+        return text
+    shown = ", ".join(wrong[:NAMES_SHOWN]) + (" and others" if len(wrong) > NAMES_SHOWN else "")
+    return f"{text} (what it took for the object in {len(wrong)} of them, {shown}, was not used)"
+
+
 def write(capture: Capture, sharpness: dict):
     """Write transforms.json, which is never overwritten, and points.npz."""
     frames = []
@@ -315,6 +340,17 @@ def is_capture(folder: Path) -> bool:
         return False
 
 
+def names_masks(folder: Path) -> bool:
+    """Whether a folder's transforms.json was written here and names masks."""
+    if not is_capture(folder):
+        return False
+    try:
+        scene = json.loads(read_text(Path(folder) / TRANSFORMS_FILE))
+        return any("mask_path" in frame for frame in scene["frames"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):  # edited
+        return False
+
+
 def doubts_about(folder: Path) -> list[str]:
     """Sentences about cameras that were found here and may be wrong; none if nothing tells so."""
     if not is_capture(folder):
@@ -340,8 +376,13 @@ def summary(capture: Capture) -> str:
             text += " It did not turn about one axis, so each camera was found by itself."
     if capture.masks_at:
         text += (
-            f"\nWhat turns was cut out by masks, in {capture.masks_at}: mend what is wrong there, "
-            f"or give others by --masks."
+            f"\n{said_of_masks(capture)}, in {capture.masks_at}: mend what is wrong there, or give "
+            f"others by --masks."
+        )
+    elif capture.program and not capture.found:
+        text += (
+            f"\nWhat {capture.program} takes for the object is not one thing in space, so its "
+            f"masks are not used."
         )
     if capture.whole:
         text += (

@@ -10,9 +10,14 @@ Seitz 2000, with errors).  The silhouettes of the rest, the hull, say of each pi
 * near its edge: what the pixel's own matte says.  Where that is open, the silhouette of the cubes
   that are sure says it: those well inside the hull, and those that views saw as the object.  The
   rest remains UNTOLD, as are shadows around its feet that lie there in each view.
+
+A program that segments single photographs (masking.py) now and then sees something else, or half of
+the object, and one in five such mattes would carve the object away.  So `agreeing` asks first which
+mattes fit the hull that all others leave, and the rest loses its vote.
 """
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -21,8 +26,14 @@ from .mattes import BACKGROUND, OBJECT, UNKNOWN
 
 COARSE, FINE = 32, 128  # cubes along a side of the space, at first and in the end
 WIDER = 1.4  # than the box of the sparse points is the space
+FEWEST = 10  # sparse points that tell where the object is
 OUTLIERS = 1.0  # percent of these points at each side
 MOST = 0.15  # of the views that know something
+# Of mattes that may be wrong as a whole: the views that call a cube empty; the share of the others'
+# agreement with the hull that a matte needs.  The first hull is too large, since a third of its
+# views may be wrong, so what fits badly there goes before a tighter one is asked.
+LOOSE = 0.4
+PASSES = ((LOOSE, 0.6), (0.25, 0.7))
 HALF = 0.5  # how much a view counts that doesn't know
 SEEN = 0.5  # of the views saw a cube as the object: then it is sure
 DEEP = 6  # cubes from the hull's surface, from where on all are sure
@@ -78,7 +89,7 @@ def pixels_of(view: View, points):
     return *np.where(there[:, None], place, 0).T, there
 
 
-def votes(views, points):
+def votes(views, points, most: float = MOST):
     """Which points are not empty, and how many of the views saw the object there.  [n] both"""
     empty, unknown, filled = np.zeros((3, len(points)), np.int32)
     for view in views:
@@ -88,7 +99,7 @@ def votes(views, points):
         unknown += there & (found == UNKNOWN)
         filled += there & (found > UNKNOWN)
     known = empty + filled + HALF * unknown
-    return empty < MOST * known, filled / np.maximum(known, 1.0)
+    return empty < most * known, filled / np.maximum(known, 1.0)
 
 
 def levels() -> int:
@@ -96,15 +107,18 @@ def levels() -> int:
     return int(np.log2(FINE // COARSE)) + 1
 
 
-def carve(views, points, advance=lambda count: None) -> Hull | None:
+def carve(views, points, advance=lambda count: None, most: float = MOST) -> Hull | None:
     """Carve the space around sparse points, coarse to fine; None if nothing is left.
 
     Args:
         views: Those with mattes.
         points: [n, 3]
+        most: Of the views that know something: as many may call a cube empty that is none.
     """
     from scipy.ndimage import binary_dilation, binary_erosion
 
+    if len(points) < FEWEST:
+        return None
     low, high = np.percentile(points, [OUTLIERS, 100.0 - OUTLIERS], axis=0)
     half = 0.5 * WIDER * (high - low).max()
     begin, edge = 0.5 * (low + high) - half, 2.0 * half / COARSE
@@ -112,7 +126,7 @@ def carve(views, points, advance=lambda count: None) -> Hull | None:
     size, done = COARSE, 0
     while True:
         centers = (begin + edge * (cubes + 0.5)).astype(np.float32)
-        filled, seen = votes(views, centers)
+        filled, seen = votes(views, centers, most)
         done += 1
         advance(done)
         if not filled.any():
@@ -132,6 +146,29 @@ def carve(views, points, advance=lambda count: None) -> Hull | None:
         children = np.stack(np.meshgrid(*3 * [np.arange(2)], indexing="ij"), -1).reshape(-1, 3)
         cubes = (2 * kept[:, None] + children).reshape(-1, 3)
         size, edge = 2 * size, 0.5 * edge
+
+
+def agreeing(views, points) -> np.ndarray:
+    """Which views have mattes that fit the hull of all; none if there is no such hull.  [n] bool
+
+    Args:
+        views: [n]
+        points: [m, 3]
+    """
+    fit = np.array([v.matte is not None and (v.matte != UNKNOWN).any() for v in views])
+    for most, share in PASSES:
+        voting = list(compress(views, fit))
+        if not voting or (hull := carve(voting, points, most=most)) is None:
+            return np.zeros(len(views), bool)
+        covered = (silhouette(view, hull.shell, hull.edge)[0] for view in voting)
+        shares = [overlap(c, v.matte > UNKNOWN) for c, v in zip(covered, voting, strict=True)]
+        fit[fit] = shares >= share * np.median(shares)
+    return fit
+
+
+def overlap(one, other) -> float:
+    """Intersection over union.  [h, w] bool, both"""
+    return np.count_nonzero(one & other) / max(np.count_nonzero(one | other), 1)
 
 
 def silhouette(view: View, centers, edge: float):

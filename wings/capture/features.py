@@ -18,7 +18,7 @@ from .photos import read_photo
 from .work import Look, Work, name_of, number_of
 
 MOST_FEATURES = 4096  # of a photograph; the strongest
-BEYOND = 0.005  # of the longer side: features so far outside of the user's masks are kept
+BEYOND = 0.005  # of the longer side: features so far outside of a user's or program's masks count
 FAINT = 0.002  # pycolmap's peak_threshold, which is 0.0067 for whole photographs
 MOST_AT_ONCE = 64  # photographs in memory, and as many that are read meanwhile
 FOCAL_FACTOR = 1.2  # focal length over the longer side, where EXIF doesn't say
@@ -119,15 +119,16 @@ def object_mask(work: Work, number: int, size) -> np.ndarray:
     Raises:
         DatasetError: The user's mask can't be read.
     """
+    ring = None if work.masks else work.matte(number)
     if work.masks:
         mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
-        # Corners of the outline count, whose features lie half outside.
-        reach = 2 * round(BEYOND * max(size)) + 1
-        mask = np.asarray(Image.fromarray(mask).filter(ImageFilter.MaxFilter(reach)))
-    elif (mask := work.matte(number)) is None:
+    elif (mask := work.matte(number, made=True) if ring is None else ring) is None:
         return np.full(size[::-1], 255, np.uint8)
     else:
         mask = np.asarray(Image.fromarray(mask).resize(size, Image.Resampling.NEAREST))
+    if ring is None:  # corners of the outline count, whose features lie half outside
+        reach = 2 * round(BEYOND * max(size)) + 1
+        mask = np.asarray(Image.fromarray(mask).filter(ImageFilter.MaxFilter(reach)))
     return np.where(mask > 0, np.uint8(255), np.uint8(0))
 
 

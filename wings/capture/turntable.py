@@ -5,16 +5,17 @@ cameras of a ring come out at one place.  So the features of what stands still a
 cameras are those of a camera that walks around the object.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from PIL import Image
 
 from ...core.training import read_mask, shrunk_size
-from .carving import View, carve, levels, voted
+from .carving import LOOSE, View, agreeing, carve, levels, voted, votes
 from .features import object_mask
 from .mapping import Mapped
-from .mattes import BACKGROUND, MATTE_SIDE, mattes_of
+from .mattes import BACKGROUND, MATTE_SIDE, UNKNOWN, mattes_of
 from .photos import read_photo
 from .still import find_rings
 from .work import Work
@@ -30,10 +31,12 @@ class FoundMasks:
     Attributes:
         masks: By the photograph's number: how much of each pixel is the object's.  [h, w] uint8
         box: In the world of the cameras.  [2, 3]
+        overruled: Photographs, by number, of whose matte only the others' votes are left.
     """
 
     masks: dict
     box: np.ndarray
+    overruled: tuple[int, ...] = ()
 
 
 def find_turning(work: Work, begin) -> list[tuple[int, ...]]:
@@ -93,22 +96,30 @@ def find_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
     Of masks that the user has given only the box is used.
     """
     views = [view_of(work, mapped, row) for row in range(len(mapped.numbers))]
-    voting = [view for view in views if view.matte is not None]
+    has_vote = np.array([view.matte is not None for view in views])
+    points = mapped.points.points
+    if work.has_masks:  # all that the photographs show may have been followed
+        points = points[votes(compress(views, has_vote), points, LOOSE)[0]]
     with begin("Voting on masks", levels() + len(views)) as advance:
-        hull = carve(voting, mapped.points.points, advance) if voting else None
+        if work.program:
+            has_vote = agreeing(views, points)
+            views = [v if has else unknown(v) for v, has in zip(views, has_vote, strict=True)]
+        voting = list(compress(views, has_vote))
+        hull = carve(voting, points, advance) if voting else None
         if hull is None:
             return None
         masks = {}
         for row, view in enumerate(views) if not work.masks else ():
             masks[int(mapped.numbers[row])] = voted(view, hull)
             advance(levels() + row + 1)
-    return FoundMasks(masks, hull.box)
+    overruled = mapped.numbers[~has_vote].tolist() if work.program else ()
+    return FoundMasks(masks, hull.box, tuple(overruled))
 
 
 def view_of(work: Work, mapped: Mapped, row: int) -> View:
     """A photograph that has a camera, with its matte, or with the user's mask as such."""
     number = int(mapped.numbers[row])
-    matte = work.matte(number)
+    matte = work.matte(number, made=bool(work.program))
     size = size_of(work, number) if matte is None else matte.shape[::-1]
     lens = mapped.lenses[row].copy()
     scale = np.array(size) / lens[5:]
@@ -119,6 +130,10 @@ def view_of(work: Work, mapped: Mapped, row: int) -> View:
         mask = read_mask(work.masks[number], *size, work.photos[number].is_turned)
         matte = np.where(mask > 127, np.uint8(255), np.uint8(BACKGROUND))
     return View(mapped.poses[row], lens, matte)
+
+
+def unknown(view: View) -> View:
+    return replace(view, matte=np.full_like(view.matte, UNKNOWN))
 
 
 def said_of(rings) -> str:

@@ -27,18 +27,18 @@ from .photos import Photo
 LISTING = "work.json"
 DATABASES = ("features.db", "object.db")  # of whole photographs, of the object alone
 TEMPORARY = ".temporary-"
-VERSION = 2
+VERSION, KEYS = 3, {"version", "image_size", "photos", "masks", "program"}
 LARGEST = 2**24  # bytes of a listing that is read: of a hundred thousand photographs
 LOOK = r"\d{6,}(-object)?\.npz"
-MATTE = r"\d{6,}\.png"
+MATTE = r"\d{6,}(-made)?\.png"
 # What paths.whole_file is writing.
-PARTIAL = r"\.(work|\d{6,}(-object)?)-[0-9a-f]{8}\.part\.(json|npz|png)"
+PARTIAL = r"\.(work|\d{6,}(-object|-made)?)-[0-9a-f]{8}\.part\.(json|npz|png)"
 OURS = re.compile(  # earlier versions wrote pairs.txt
     rf"work\.json|pairs\.txt|(features|object)\.db(-journal|-wal|-shm)?|{LOOK}|{MATTE}|{PARTIAL}"
 )
 TEMPORARY_FOLDER = re.compile(re.escape(TEMPORARY) + r"[a-z0-9_]{8}")
 IN_IT = re.compile(
-    r"\d{6,}\.png(\.png)?|(cameras|images|points3D|rigs|frames)\.(bin|txt)|project\.ini"
+    r"\d{6,}(-mask)?\.png(\.png)?|(cameras|images|points3D|rigs|frames)\.(bin|txt)|project\.ini"
 )
 
 
@@ -66,6 +66,7 @@ class Work:
         photos: In the order of their numbers.
         image_size: Longer side that they are shrunk to [pixels].
         masks: The user's, one for each photograph, or none.
+        program: What masking.digest_of says of the program that makes masks; "" without one.
         is_cut: Whether database and looks are those of the object alone.
     """
 
@@ -73,7 +74,13 @@ class Work:
     photos: tuple[Photo, ...]
     image_size: int
     masks: tuple[Path, ...] = ()
+    program: str = ""
     is_cut: bool = False
+
+    @property
+    def has_masks(self) -> bool:
+        """Whether masks are the user's, or made by a program of the user's."""
+        return bool(self.masks or self.program)
 
     @property
     def database_path(self) -> Path:
@@ -86,19 +93,23 @@ class Work:
     def look_path(self, number: int) -> Path:
         return self.folder / f"{name_of(number)}{'-object' if self.is_cut else ''}.npz"
 
-    def matte_path(self, number: int) -> Path:
-        return self.folder / f"{name_of(number)}.png"
+    def matte_path(self, number: int, made: bool = False) -> Path:
+        return self.folder / f"{name_of(number)}{'-made' if made else ''}.png"
 
-    def matte(self, number: int) -> np.ndarray | None:
-        """A photograph's matte, see mattes.py; None without one.  [h, w] uint8"""
+    def matte(self, number: int, made: bool = False) -> np.ndarray | None:
+        """A photograph's matte, see mattes.py; None without one.  [h, w] uint8
+
+        Args:
+            made: By the program; else by the ring that the photograph is in.
+        """
         try:
-            with open_image(self.matte_path(number)) as image:
+            with open_image(self.matte_path(number, made)) as image:
                 return np.asarray(image.convert("L"))
         except ImageError:
             return None
 
-    def keep_matte(self, number: int, matte: np.ndarray):
-        with whole_file(self.matte_path(number)) as partial:
+    def keep_matte(self, number: int, matte: np.ndarray, made: bool = False):
+        with whole_file(self.matte_path(number, made)) as partial:
             Image.fromarray(matte).save(partial)
 
     def has_look(self, number: int) -> bool:
@@ -185,7 +196,9 @@ def is_folder(path: Path) -> bool:
     return stat.S_ISDIR(path.lstat().st_mode)
 
 
-def open_work(folder: Path, photos, image_size: int, masks=()) -> tuple[Work, bool]:
+def open_work(
+    folder: Path, photos, image_size: int, masks=(), program: str = ""
+) -> tuple[Work, bool]:
     """A work folder for photographs and masks, and whether it holds work on exactly these.
 
     It is `folder`, or <folder>-2 and so on where something else is there.  Work on other
@@ -194,7 +207,7 @@ def open_work(folder: Path, photos, image_size: int, masks=()) -> tuple[Work, bo
     Raises:
         OSError: The folder can't be made.
     """
-    work = Work(Path(folder), tuple(photos), image_size, tuple(masks))
+    work = Work(Path(folder), tuple(photos), image_size, tuple(masks), program)
     wanted, there, number = listing(work), [], 1
     while os.path.lexists(work.folder):
         there.append((work, held(work.folder)))
@@ -240,7 +253,7 @@ def held(folder: Path) -> dict | None:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    if not isinstance(found, dict) or found.keys() != {"version", "image_size", "photos", "masks"}:
+    if not isinstance(found, dict) or found.keys() != KEYS:
         return None
     return found if type(found["version"]) is int and found["version"] == VERSION else None
 
@@ -257,4 +270,5 @@ def listing(work: Work) -> dict:
         "image_size": work.image_size,
         "photos": known(photo.path for photo in work.photos),
         "masks": known(work.masks),
+        "program": work.program,
     }

@@ -105,14 +105,19 @@ def read_mask(path: Path, width, height, upright=False):
             f"than its photograph's {width}x{height}"
         )
     alpha = pixels.getchannel("A")
-    mask = alpha if alpha.getextrema()[0] < 255 else brightest(pixels)
-    counts = mask.histogram()
-    if not counts[255] and np.count_nonzero(counts) <= MOST_CLASSES:
-        mask = mask.point(lambda value: 255 * (value > 0))
+    mask = without_classes(alpha if alpha.getextrema()[0] < 255 else brightest(pixels))
     shrunk = np.array(mask.resize((width, height), Image.Resampling.BOX))
     untold = mask.point(lambda value: 255 * (value == UNTOLD))
     shrunk[np.asarray(untold.resize((width, height), Image.Resampling.BOX)) > 0] = UNTOLD
     return shrunk
+
+
+def without_classes(mask):
+    """The same in Pillow's mode L, but white wherever it holds numbers of classes."""
+    counts = mask.histogram()
+    if counts[255] or np.count_nonzero(counts) > MOST_CLASSES:
+        return mask
+    return mask.point(lambda value: 255 * (value > 0))
 
 
 def brightest(pixels):

@@ -1,5 +1,7 @@
 """Space carving by votes: a ball, seen by cameras around it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from captures import look
@@ -110,3 +112,20 @@ def test_pixels_are_those_of_the_lens():
     np.testing.assert_array_equal(there, inside)
     off = np.stack([columns, rows], axis=1)[inside] + 0.5 - expected[inside]
     assert np.abs(off).max() <= 0.501
+
+
+def test_mattes_that_contradict_the_others_have_no_vote(views, points):
+    """One in five shows nothing, all, something else, or half of the ball."""
+    wrong = []
+    for number, view in enumerate(views):
+        matte = view.matte.copy()
+        kind = "empty full other half unknown".split()[number // 5 % 5] if number % 5 == 0 else ""
+        if kind == "half":
+            matte[:60] = BACKGROUND
+        elif kind:
+            matte[:] = {"full": OBJECT, "unknown": UNKNOWN}.get(kind, BACKGROUND)
+        if kind == "other":
+            matte[:40, :60] = OBJECT
+        wrong.append(replace(view, matte=matte))
+    assert carving.agreeing(wrong, points).tolist() == [n % 5 > 0 for n in range(len(views))]
+    assert not carving.agreeing(wrong[:1], points).any(), "nothing is left of an empty matte"
