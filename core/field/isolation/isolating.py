@@ -354,7 +354,7 @@ def nearness(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def kept_field(field: TetField, scene: Isolation, result: Isolated) -> TetField:
     """The field of what is kept."""
-    occupancy = scene.matter.masks(result.kept)
+    occupancy = field.occupancy & scene.matter.masks(result.kept)
     had, has = field.occupancy != 0, occupancy != 0
     keep = nearer_to_matter(field.neighbours, has, had & ~has)
     return reduced(replace(field, occupancy=occupancy), keep)
