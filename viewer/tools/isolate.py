@@ -110,7 +110,9 @@ class Isolate(Tool):
         solid = solid[:: 1 + len(solid) // MARKS_MAX]
         matter = isolation.matter
         mesh, positions = self.scene.field.mesh, self.scene.positions
-        places = np.einsum("nk,nkx->nx", matter.weights[solid], positions[mesh.tets[matter.tets[solid]]])
+        places = np.einsum(
+            "nk,nkx->nx", matter.weights[solid], positions[mesh.tets[matter.tets[solid]]]
+        )
         return places, self._result.kept[solid], 0.4 * matter.edge
 
     @property
