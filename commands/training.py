@@ -226,9 +226,7 @@ def prepare_training(
             second = second_place(trained, path, arguments)
             kept = checkpoint_path if trained.resumable else None
             return complain(PROGRAM, lost(error, path, second, kept))
-        print(summary(trained, path, scores))
-        if trained.uncut is not None and not arguments.keep_surroundings:
-            print(keep_whole(trained, path, arguments))
+        print(summary(trained, path, scores) + keep_whole(trained, path, arguments))
         if "coarse-stage" in options.leave_out:
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
         return ended(trained, scores, checkpoint_path)
@@ -345,14 +343,16 @@ def model_of(trained, arguments: TrainArguments):
 
 
 def keep_whole(trained, path: Path, arguments: TrainArguments) -> str:
-    """Write the model with what was cut off beside the model at `path`; a line about both.
+    """Write the model with what was cut off, if any was, beside the one at `path`; a line of it.
 
     A file that is there is replaced only if it is the one that an earlier run kept of that model.
     """
+    if trained.uncut is None or arguments.keep_surroundings:
+        return ""
     place = path.with_stem(path.stem + "-whole")
     whole = with_size(replace(trained.uncut, surroundings=None), arguments.object_size)
     whole = replace(whole, meta={**whole.meta, "whole_of": path.name})
-    said = f"Left out what the object stands or leans on: {trained.left_out:.0%} of the matter"
+    said = f"\nLeft out what the object stands or leans on: {trained.left_out:.0%} of the matter"
     try:
         if place.exists() and not is_whole_of(place, path):
             place = free_name(place.with_suffix(""), ".npz")

@@ -3,12 +3,10 @@
     this, not this   what the strokes say: sub-tets near their points are held on one side
     surroundings     flat parts that go on beyond the object, and what lies on them in a layer
     rest             matter that is neither; `minimum_cut` (cutting.py) parts it
-    groups           sub-tets of one tet that touch and lie on one side of all flat parts: nodes of
-                     a first, coarse cut; those at its border are cut again one by one
 
 The rules have no lengths but the edge of a sub-tet, and no sizes but shares.
 
-Shapes: N occupied sub-tets, G groups.
+Shapes: N occupied sub-tets (of a large field children of tets, see subtet_graph.py), E pairs.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What photographs mean: where a thing that leans on another is cut off by itself, and where not."""
+"""What photographs mean: a thing that leans on another is cut off by itself; one alone isn't."""
 
 from dataclasses import replace
 from types import SimpleNamespace
