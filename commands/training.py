@@ -97,7 +97,8 @@ class TrainArguments:
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
     (tets are occupied as a whole), dense-levels (all are hashed), ray-color (each sample has a
     color, instead of each ray), distortion, table-decay (no such loss), found-box (the object isn't
-    sought: its box is where the cameras look), exposure (photographs have one for all),
+    sought: its box is where the cameras look), isolation (what it stands and leans on stays),
+    exposure (photographs have one for all),
     blur-weights (blurred photographs count like others)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file and costs less than 0.01 dB."""
@@ -230,7 +231,7 @@ def prepare_training(
             second = second_place(trained, path, arguments)
             kept = checkpoint_path if trained.resumable else None
             return complain(PROGRAM, lost(error, path, second, kept))
-        print(summary(trained, path, scores))
+        print(summary(trained, path, scores) + keep_whole(trained, path, arguments))
         if "coarse-stage" in options.leave_out:
             print("Without the coarse stage the model holds the whole grid, empty tets too.")
         return ended(trained, scores, checkpoint_path)
@@ -360,6 +361,34 @@ def model_of(trained, arguments: TrainArguments):
     shown = trained.whole if arguments.keep_surroundings else None
     kept = with_size(shown or trained.field, arguments.object_size)
     return kept if arguments.keep_surroundings else replace(kept, surroundings=None)
+
+
+def keep_whole(trained, path: Path, arguments: TrainArguments) -> str:
+    """Write the model with what was cut off, if any was, beside the one at `path`; a line of it.
+
+    A file that is there is replaced only if it is the one that an earlier run kept of that model.
+    """
+    if trained.uncut is None or arguments.keep_surroundings:
+        return ""
+    place = path.with_stem(path.stem + "-whole")
+    whole = with_size(replace(trained.uncut, surroundings=None), arguments.object_size)
+    whole = replace(whole, meta={**whole.meta, "whole_of": path.name})
+    said = f"\nLeft out what the object stands or leans on: {trained.left_out:.0%} of the matter"
+    try:
+        if place.exists() and not is_whole_of(place, path):
+            place = free_name(place.with_suffix(""), ".npz")
+        fields.save(whole, place, entry_bits=arguments.entry_bits)
+    except OSError as error:
+        return f"{said}; it is lost, can't write {place}: {error.strerror or error}"
+    return f"{said}; {place} has all: deformrf view {place}, Isolate."
+
+
+def is_whole_of(place: Path, path: Path) -> bool:
+    """Whether a file is what an earlier run kept of the model at `path`."""
+    try:
+        return fields.load(place).meta.get("whole_of") == path.name
+    except fields.ModelFileError:
+        return False
 
 
 def second_place(trained, path: Path, arguments: TrainArguments) -> Path | None:

@@ -11,6 +11,7 @@ LEAVE_OUT = (
     "distortion",
     "table-decay",
     "found-box",
+    "isolation",
     "exposure",
     "blur-weights",
 )
@@ -46,6 +47,7 @@ class TrainOptions:
             what photographs show; against noise.
         leave_out: What of the method that this scene is learned without, of LEAVE_OUT:
             "found-box": the object isn't sought, its box lies where the cameras look;
+            "isolation": what it stands and leans on isn't cut off (meant.py);
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
             every level is hashed; "ray-color": each sample has a color of its own, and a ray the

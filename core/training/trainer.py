@@ -28,7 +28,9 @@ from ..render import in_space, rows_of_views
 from . import photographs, stages
 from .data.datasets import Dataset
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
+from .data.views import focus
 from .finding import FoundBox, ground_under, search
+from .meant import meant
 from .run.batch import looks
 from .run.checkpoint import Checkpoint, CheckpointError, save_checkpoint
 from .run.differentiable import on_warp_stream
@@ -72,6 +74,8 @@ class Trained:
     out_of_memory: str | None = None  # a sentence, if what no image sees could not be hidden
     resumable: bool = False  # whether `checkpoint_path` holds a checkpoint of this run
     whole: TetField | None = None  # with all that is in the object's box, as photographs show it
+    uncut: TetField | None = None  # `field` before what the object touches was cut off, if it was
+    left_out: float = 0.0  # of the matter, what was cut off
 
     @property
     def complete(self) -> bool:
@@ -385,4 +389,21 @@ class _Run:
             alone = object_alone(whole, field.densities().cpu().numpy(), self.found.box, ground)
         elif self.stage == 2 and "coarse-stage" not in self.options.leave_out:
             alone = without_spurs(whole)
-        return Trained(alone, report, interrupted, diverged, out_of_memory, self.resumable, whole)
+        trained = Trained(
+            alone, report, interrupted, diverged, out_of_memory, self.resumable, whole
+        )
+        if trained.complete and self.surroundings and self.workers.is_first:
+            self._isolate(trained)
+        return trained
+
+    def _isolate(self, trained: Trained):
+        """Cut off what the object stands and leans on, where that is sure."""
+        skipped = {"isolation", "coarse-stage"} & {*self.options.leave_out}
+        if skipped or self.dataset.has_alpha:  # alpha has told what the object is
+            return
+        self.progress.say("Looking at what the photographs mean.")
+        poses = in_space(self.dataset.poses, self.world_to_model)
+        place = self.box.mean(axis=0) if self.found else focus(poses)
+        if found := meant(trained.field, poses, place):
+            trained.uncut, trained.field = trained.field, found.field
+            trained.left_out = found.share

@@ -65,6 +65,28 @@ def test_a_model_states_the_size_that_was_given(call, trainer, data, tmp_path):
     assert "size" not in modelfile.load(output).meta
 
 
+def test_what_was_cut_off_is_kept_beside_the_model(call, trainer, data, tmp_path, field):
+    """Another run of the same model replaces it; what is another's stays."""
+    trainer.trained.uncut, trainer.trained.left_out = field, 0.12
+    output, whole = tmp_path / "m.npz", tmp_path / "m-whole.npz"
+    result = call(train.main, data, "-o", output, "--device", "cpu")
+    assert "12% of the matter" in result.out and f"{whole} has all" in result.out
+    assert modelfile.load(whole).mesh.tet_count == field.mesh.tet_count
+    call(train.main, data, "-o", output, "--device", "cpu")
+    assert not (tmp_path / "m-whole-2.npz").exists()
+    whole.write_bytes(b"another's")
+    result = call(train.main, data, "-o", output, "--device", "cpu")
+    assert whole.read_bytes() == b"another's" and "m-whole-2.npz has all" in result.out
+    modelfile.load(tmp_path / "m-whole-2.npz")
+
+
+def test_nothing_is_kept_beside_a_model_that_has_all(call, trainer, data, tmp_path, field):
+    trainer.trained.uncut = field
+    flags = "--device", "cpu", "--keep-surroundings"
+    result = call(train.main, data, "-o", tmp_path / "m.npz", *flags)
+    assert "Left out" not in result.out and not (tmp_path / "m-whole.npz").exists()
+
+
 def test_training_needs_no_test_split(call, trainer, data, tmp_path):
     (data / "transforms_test.json").unlink()
     result = call(train.main, data, "-o", tmp_path / "m.npz", "--device", "cpu")

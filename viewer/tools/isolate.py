@@ -167,8 +167,8 @@ class Isolate(Tool):
         solid = solid[:: 1 + len(solid) // MARKS_MAX]
         matter = isolation.matter
         mesh, positions = self.scene.field.mesh, self.scene.positions
-        weights = subtet_corners().mean(axis=1)[matter.subtets[solid]]
-        places = np.einsum("nk,nkx->nx", weights, positions[mesh.tets[matter.tets[solid]]])
+        corners = mesh.tets[matter.tets[solid]]
+        places = np.einsum("nk,nkx->nx", matter.weights[solid], positions[corners])
         return places, np.where(kept[solid, None], OURS, OTHERS), 0.4 * matter.edge
 
     @property

@@ -3,16 +3,15 @@
     this, not this   what the strokes say: sub-tets near their points are held on one side
     surroundings     flat parts that go on beyond the object, and what lies on them in a layer
     rest             matter that is neither; `minimum_cut` (cutting.py) parts it
-    groups           sub-tets of one tet that touch and lie on one side of all flat parts: nodes of
-                     a first, coarse cut; those at its border are cut again one by one
 
 The rules have no lengths but the edge of a sub-tet, and no sizes but shares.
 
-Shapes: N occupied sub-tets, G groups.
+Shapes: N occupied sub-tets (of a large field children of tets, see subtet_graph.py), E pairs.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,11 +28,13 @@ BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that 
 # Of the next layer's matter, that the outermost one has of what goes on; a solid cap has a third.
 GOES_ON = 0.4
 # What a sub-tet of opacity 1 pulls, over what it costs to part two through a mean face: by default
-# to "this"; where it lies on surroundings in a layer, or is nearer to "not this", to that.
+# to "this"; where it lies on surroundings in a layer, or is nearer to "not this", to that; where it
+# has the colors of what else is there, or is OUTER times as near to the border, to that.
 BY_DEFAULT, LAYER, NEAR = 0.02, 0.2, 0.1
-# Of a mean face, that a sub-tet of the outermost layer has of the section through the border: 7.3
-# regular tets of edge 1 have the volume of a face times the layer's depth, 2.
-OUTSIDE = 0.14
+COLOR, BORDER_NEAR, OUTER = 0.1, 0.05, 3.0
+LOOKS_LIKE, TOLD = 2, 0.1  # times, that colors are counted; what they have to tell in the mean
+# Cubes along red; blur [cubes]; a color without more is not counted; a ratio that is sure
+CUBES, BLUR, SELDOM, SURE_OF_COLOR = 16, 0.8, 1e-4, np.e**2
 FARTHER = 6.0  # times, it is between sub-tets of unlike colors than between those of one color
 FARTHEST, REACHES, SURER = 1e6, 4, 0.4
 UNLIKE = 0.05  # of a tie, that is left between such
@@ -60,8 +61,14 @@ class Isolation:
     border: np.ndarray  # [N] bool: solid, and at the border of the box: it goes on outside
     opacity: np.ndarray  # [N] of a sub-tet, 0..1
     ties: np.ndarray  # [E] what it costs to part pairs
-    ways: np.ndarray  # [E] how far it is between them [edges]
+    lengths: np.ndarray  # [E] how far it is between them, farther through fog [edges]
+    ways: np.ndarray  # [E] the same, and farther between unlike colors
     last: dict = field(default_factory=dict)  # what the last strokes for "this" came to
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """How much matter there is, over that of an opaque sub-tet.  [N]"""
+        return self.opacity * self.matter.volumes / self.matter.volumes.mean()
 
 
 @dataclass(frozen=True)
@@ -85,16 +92,24 @@ def isolation_of(field: TetField) -> Isolation:
 def box_of(field: TetField) -> np.ndarray:
     """The box at whose sides what was photographed goes on.  [2, 3]
 
-    The mesh ends at the sides of the unit cube, or of the object's box, because training had no
-    tets outside of it.  Where it ends elsewhere, nothing goes on: the side is infinitely far.
+    The mesh ends at the sides of the unit cube, because training had no tets outside of it.  If it
+    found the object's box, there is no matter outside of that but the ground's, which is known:
+    nothing goes on at that side.  Where the mesh ends elsewhere nothing does, either: the side is
+    infinitely far.
     """
     vertices = field.mesh.rest_vertices
     ends = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-    sides = np.array([[0.0] * 3, [1.0] * 3])
-    if field.meta.get("object_box") is not None:
+    if field.meta.get("object_box") is None:
+        sides, border = np.array([[0.0] * 3, [1.0] * 3]), ends
+    else:
         sides = np.array(field.meta["object_box"], float)
+        border = sides.copy()
+        if field.meta.get("object_stands"):
+            border[0, 2] = -np.inf
+        else:
+            border[1, 1] = np.inf
     at_side = (ends - sides) * [[-1.0], [1.0]] > -1e-6
-    return np.where(at_side, ends, [[-np.inf], [np.inf]])
+    return np.where(at_side, border, [[-np.inf], [np.inf]])
 
 
 def at_border(matter: SubtetGraph, opacity: np.ndarray, box: np.ndarray) -> np.ndarray:
@@ -134,6 +149,7 @@ def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
     mean = float((solid * away).sum() / max(solid.sum(), 1e-30))
     likeness = np.exp(-away / (2.0 * mean)) if mean > 1e-12 else np.ones(len(away))
     lengths = np.linalg.norm(matter.middles[a] - matter.middles[b], axis=1) / matter.edge
+    lengths /= np.maximum(solid, SOLID)
     return Isolation(
         matter,
         box,
@@ -143,7 +159,8 @@ def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
         at_border(matter, opacity, box),
         opacity,
         matter.areas * solid * (UNLIKE + likeness),
-        lengths * (1.0 + FARTHER * (1.0 - likeness)) / np.maximum(solid, SOLID),
+        lengths,
+        lengths * (1.0 + FARTHER * (1.0 - likeness)),
     )
 
 
@@ -172,7 +189,7 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
         if stroke.this or not len(own):
             continue
         if one is None:
-            one = distances(scene, np.flatnonzero(told > 0), told >= 0)
+            one = distances(scene, scene.ways, np.flatnonzero(told > 0), told >= 0)
         kept &= ~piece_at(scene, stroke, own, one, kept, told)
     kept &= (told >= 0) & joined_to(matter, told > 0, kept)
     return Isolated(kept, tuple(left_out))
@@ -203,44 +220,45 @@ def without_surroundings(scene: Isolation, place, ours, left_out) -> np.ndarray:
         layers |= layer_on(flat, matter, over, place)
     held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
     evidence = np.where(layers, -LAYER, BY_DEFAULT)
-    weights = scene.opacity * matter.volumes / matter.volumes.mean()
-    kept = minimum_cut(evidence * weights, matter.pairs, scene.ties, held)
+    kept = minimum_cut(evidence * scene.weights, matter.pairs, scene.ties, held)
     outside = scene.border & ~ours & kept
     if not outside.any():
         return kept
-    one = distances(scene, np.flatnonzero(ours), kept)
-    other = distances(scene, np.flatnonzero(outside), kept)
-    near = nearness(one, other)
-    pulls = np.where(near < 0.0, NEAR * near, evidence) * weights
+    one = distances(scene, scene.lengths, np.flatnonzero(ours), kept)
+    other = distances(scene, scene.lengths, np.flatnonzero(outside), kept)
     held = np.where(kept, np.where(ours, 1, 0), -1)
-    held[outside] = -1
-    alone = minimum_cut(pulls, matter.pairs, scene.ties, held)
-    return alone | rather_joined(scene, alone, kept & ~alone, outside)
+    alone = kept & (OUTER * other > one)
+    for _ in range(LOOKS_LIKE):
+        like = likeness_to(scene, alone)
+        # Where colors don't tell them apart, what is nearer to the border goes.
+        told = float((abs(like) * scene.weights)[kept].sum() / scene.weights[kept].sum())
+        near = nearness(one, (OUTER if told > TOLD else 1.0) * other)
+        pulls = np.where(layers, -LAYER, BY_DEFAULT + COLOR * like + BORDER_NEAR * near)
+        alone = minimum_cut(pulls * scene.weights, matter.pairs, scene.ties, held)
+        alone &= joined_to(matter, ours, alone)
+    return alone
 
 
-def rather_joined(scene: Isolation, alone, gone, outside) -> np.ndarray:
-    """Pieces of what has gone that are joined rather with the object than with the outside.  [N]
+def likeness_to(scene: Isolation, one) -> np.ndarray:
+    """-1..1: whose colors solid matter has, those of some of it, or those of the rest.  [N]
 
-    A thing that goes on outside of the box does so through a larger section than the one through
-    which it is joined with the object.  Otherwise it is a part of an object that the box cuts off,
-    or nobody knows.
+    By how often a color is seen in either, which is counted in cubes of colors.
 
     Args:
-        alone, gone, outside: The object, what was cut off, and what is at the border.  [N] bool
+        one: Which are some.  [N] bool
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
+    from scipy.ndimage import gaussian_filter
 
-    a, b = scene.matter.pairs.T
-    joined = gone[a] & gone[b]
-    entries = np.ones(np.count_nonzero(joined), np.int8), (a[joined], b[joined])
-    labels = connected_components(csr_array(entries, shape=(len(gone),) * 2), directed=False)[1]
-    weights = scene.opacity * scene.matter.volumes / scene.matter.volumes.mean()
-    out = np.bincount(labels, OUTSIDE * weights * (outside & gone))
-    of_pair = np.where(gone[a], labels[a], labels[b])
-    parted = (gone[a] & alone[b]) | (alone[a] & gone[b])
-    inner = np.bincount(of_pair[parted], scene.ties[parted], minlength=len(out))
-    return gone & (inner > out)[labels]
+    cubes = np.clip((scene.matter.colors * CUBES).astype(int), 0, CUBES - 1)
+    index = np.ravel_multi_index(cubes.T, (CUBES,) * 3)
+    solid = scene.opacity > SOLID
+    shares = []
+    for some in (solid & one, solid & ~one):
+        counts = np.bincount(index[some], scene.weights[some], CUBES**3).reshape((CUBES,) * 3)
+        smooth = gaussian_filter(counts, BLUR).ravel()
+        shares.append(smooth / max(smooth.sum(), 1e-30) + SELDOM)
+    ratio = np.log(shares[0] / shares[1]) / np.log(SURE_OF_COLOR)
+    return np.clip(ratio, -1.0, 1.0)[index]
 
 
 def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
@@ -257,13 +275,15 @@ def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
     """
     matter = scene.matter
     length = (np.linalg.norm(np.ptp(stroke.points, axis=0)) + 2.0 * stroke.radius) / matter.edge
-    other = distances(scene, own, kept)
+    other = distances(scene, scene.ways, own, kept)
     open_ = kept & (told <= 0)
-    weights = scene.opacity * matter.volumes / matter.volumes.mean()
-    pulls = NEAR * nearness(one, other) * weights
+    weights = scene.weights
+    shortest = max(length, 2.0 * SEED)
+    like = likeness_to(scene, kept & (other > shortest))
+    pulls = (NEAR * nearness(one, other) + COLOR * like) * weights
     best, best_quotient, before = np.zeros(len(kept), bool), np.inf, 0
     best[own] = True
-    for reach in (*(max(length, 2.0 * SEED) * 2.0 ** np.arange(REACHES)), np.inf):
+    for reach in (*(shortest * 2.0 ** np.arange(REACHES)), np.inf):
         free = open_ & (other <= reach)
         if np.count_nonzero(free) == before:
             continue
@@ -273,7 +293,9 @@ def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
         inner = kept[matter.pairs].all(axis=1)
         taken = kept & ~minimum_cut(pulls, matter.pairs[inner], scene.ties[inner], held)
         parted = taken[matter.pairs[inner]].sum(axis=1) == 1
-        quotient = scene.ties[inner][parted].sum() / np.sqrt(weights[taken].sum())
+        cost = scene.ties[inner][parted].sum()
+        cost += COLOR * (np.maximum(like, 0.0) * weights)[taken].sum()
+        quotient = cost / np.sqrt(weights[taken].sum())
         if quotient < SURER * best_quotient:
             best, best_quotient = taken, quotient
     return best
@@ -340,10 +362,11 @@ def joined_to(matter: SubtetGraph, to: np.ndarray, among: np.ndarray) -> np.ndar
     return joined
 
 
-def distances(scene: Isolation, sources: np.ndarray, among: np.ndarray) -> np.ndarray:
+def distances(scene: Isolation, ways, sources: np.ndarray, among: np.ndarray) -> np.ndarray:
     """The shortest ways from sources (ids) through some sub-tets [N] bool [edges].  [N]
 
-    A way is longer where colors change, and where there is little matter.
+    Args:
+        ways: Between pairs: Isolation.lengths or .ways.  [E]
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
@@ -351,9 +374,9 @@ def distances(scene: Isolation, sources: np.ndarray, among: np.ndarray) -> np.nd
     matter, count = scene.matter, len(scene.matter.tets)
     open_ = among[matter.pairs].all(axis=1)
     a, b = matter.pairs[open_].T
-    graph = csr_array((scene.ways[open_], (a, b)), shape=(count, count))
-    ways = dijkstra(graph, directed=False, indices=sources, min_only=True)
-    return np.minimum(ways, FARTHEST)
+    graph = csr_array((ways[open_], (a, b)), shape=(count, count))
+    found = dijkstra(graph, directed=False, indices=sources, min_only=True)
+    return np.minimum(found, FARTHEST)
 
 
 def nearness(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -363,7 +386,7 @@ def nearness(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def kept_field(field: TetField, scene: Isolation, result: Isolated) -> TetField:
     """The field of what is kept."""
-    occupancy = scene.matter.masks(result.kept)
+    occupancy = field.occupancy & scene.matter.masks(result.kept)
     had, has = field.occupancy != 0, occupancy != 0
     keep = nearer_to_matter(field.neighbours, has, had & ~has)
     return reduced(replace(field, occupancy=occupancy), keep)

@@ -4,7 +4,10 @@
     color    as seen in the mean over all directions, of what is dense in it
     area     of the face that two sub-tets share, over the mean of all
 
-Shapes: N occupied sub-tets, E pairs of them with a common face.
+Of a large field the nodes are the eight children of each tet instead, with what is in their
+sub-tets: a stroke has to be answered in a second.
+
+Shapes: N occupied sub-tets, or children that have some; E pairs of them with a common face.
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +22,7 @@ from ..networks.basis import CONSTANT_BASIS
 from ..occupancy import LEVELS, SUBTET_COUNT, pack_mask, subtet_corners, unpack_mask
 
 AT_ONCE = 1 << 16  # sub-tets, that the networks are asked about
+MANY = 300_000  # sub-tets: with more, children are taken instead
 # Where a sub-tet is looked at: its middle, and half the way from there to each corner.
 LOOKS = 0.5 * np.concatenate([np.full((1, 4), 0.5), np.eye(4) + 0.25])
 LOOKS /= LOOKS.sum(axis=1, keepdims=True)
@@ -32,7 +36,7 @@ class SubtetGraph:
     """
 
     tets: np.ndarray  # [N] int, that hold them
-    subtets: np.ndarray  # [N] int, 0..63
+    subtets: np.ndarray  # [N] int, which of a tet's 8^levels they are
     middles: np.ndarray  # [N, 3] float64, at rest
     volumes: np.ndarray  # [N]
     depths: np.ndarray  # [N]
@@ -41,6 +45,7 @@ class SubtetGraph:
     pairs: np.ndarray  # [E, 2] int
     areas: np.ndarray  # [E]
     tet_count: int
+    levels: int = LEVELS  # of subdivision; 1 if children are taken
 
     @property
     def edge(self) -> float:
@@ -48,10 +53,18 @@ class SubtetGraph:
         return float(np.cbrt(6.0 * np.sqrt(2.0) * self.volumes.mean()))
 
     def masks(self, chosen: np.ndarray) -> np.ndarray:
-        """Some of them [N] bool as masks of the field's tets.  [T] uint64"""
-        occupied = np.zeros((self.tet_count, SUBTET_COUNT), bool)
+        """Some of them [N] bool as masks of the field's tets, empty sub-tets of a child as well.
+
+        [T] uint64
+        """
+        occupied = np.zeros((self.tet_count, 8**self.levels), bool)
         occupied[self.tets[chosen], self.subtets[chosen]] = True
-        return pack_mask(occupied)
+        return pack_mask(np.repeat(occupied, SUBTET_COUNT // 8**self.levels, axis=1))
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Where the middle of each lies in its tet, barycentric.  [N, 4]"""
+        return path_corners(self.levels).mean(axis=1)[self.subtets] / 2**self.levels
 
     @cached_property
     def tree(self):
@@ -61,46 +74,64 @@ class SubtetGraph:
         return cKDTree(self.middles)
 
 
-def graph_of(field: TetField) -> SubtetGraph:
-    """The matter of a field."""
+def graph_of(field: TetField, many: int = MANY) -> SubtetGraph:
+    """The matter of a field; of one with more than `many` sub-tets, by children."""
     mesh = field.mesh
     tets, subtets = np.nonzero(unpack_mask(field.occupancy))
-    own = corners_of(mesh, tets, subtets)
-    sides = own[:, 1:] - own[:, :1]
-    volumes = np.abs(np.linalg.det(sides)) / 6.0
-    sigma, colors = _looks(field, tets, subtets)
+    volumes = volumes_of(corners_of(mesh, tets, subtets))
     edges = np.cbrt(6.0 * np.sqrt(2.0) * volumes)
-    nodes = numbered_corners(mesh, tets, subtets)
+    is_large = len(tets) > many
+    sigma, colors = _looks(field, tets, subtets, LOOKS[:1] if is_large else LOOKS)
+    depths, levels = sigma * edges, LEVELS
+    if is_large:
+        tets, subtets, depths, colors = _by_children(tets, subtets, depths, colors)
+        levels = LEVELS - 1
+    own = corners_of(mesh, tets, subtets, levels)
+    nodes = numbered_corners(mesh, tets, subtets, levels)
     pairs, areas = touching(nodes, own)
-    middles = own.mean(axis=1)
     return SubtetGraph(
         tets=tets,
         subtets=subtets,
-        middles=middles,
-        volumes=volumes,
-        depths=sigma * edges,
+        middles=own.mean(axis=1),
+        volumes=volumes_of(own),
+        depths=depths,
         colors=colors,
         nodes=nodes,
         pairs=pairs,
         areas=areas,
         tet_count=mesh.tet_count,
+        levels=levels,
     )
 
 
-def _looks(field, tets, subtets):
-    """Mean density [N] of sub-tets, and the color [N, 3] of what is dense in them."""
-    places = np.einsum("lc,sck->slk", LOOKS, subtet_corners())  # [64, look, 4]
+def _by_children(tets, subtets, depths, colors):
+    """Children instead of their sub-tets: the mean opacity, and the color of what is opaque."""
+    keys, child = np.unique(8 * tets + subtets // 8, return_inverse=True)
+    opacity = np.maximum(1.0 - np.exp(-depths), 1e-12)
+    sums = np.bincount(child, opacity)
+    means = [np.bincount(child, opacity * column) / sums for column in colors.T]
+    depths = -np.log1p(-np.minimum(sums / 8.0, 1.0 - 1e-6))
+    return keys // 8, keys % 8, depths, np.stack(means, axis=1)
+
+
+def _looks(field, tets, subtets, looks):
+    """Mean density [N] of sub-tets, and the color [N, 3] of what is dense in them.
+
+    Args:
+        looks: Where each is looked at, by its corners.  [n, 4]
+    """
+    places = np.einsum("lc,sck->slk", looks, subtet_corners())  # [64, look, 4]
     single = replace(field.definition, encoding=_in_single(field.definition.encoding))
     sigma, colors = np.zeros(len(tets)), np.zeros((len(tets), 3))
     for first in range(0, len(tets), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         count = len(tets[some])
         alpha = places[subtets[some]].reshape(-1, 4)
-        h = geometry(single, np.repeat(tets[some], len(LOOKS)), alpha)
+        h = geometry(single, np.repeat(tets[some], len(looks)), alpha)
         density = sigma_from(h).reshape(count, -1)
         sigma[some] = density.mean(axis=1)
         shares = density / density.sum(axis=1, keepdims=True)
-        means = np.einsum("nl,nlh->nh", shares, h.reshape(count, len(LOOKS), -1))
+        means = np.einsum("nl,nlh->nh", shares, h.reshape(count, len(looks), -1))
         basis = np.tile(CONSTANT_BASIS, (count, 1))
         colors[some] = sigmoid(mlp(np.concatenate([means, basis], axis=1), field.color_layers))
     return sigma, colors
@@ -111,20 +142,27 @@ def _in_single(encoding):
     return replace(encoding, tables=tuple(t.astype(np.float32) for t in encoding.tables))
 
 
-def corners_of(mesh, tets, subtets):
-    """Corners of sub-tets at rest.  [N, 4, 3]"""
+def corners_of(mesh, tets, subtets, levels=LEVELS):
+    """Corners of sub-tets, or children, at rest.  [N, 4, 3]"""
     corners = mesh.rest_vertices[mesh.tets]  # [T, 4, 3]
-    return np.einsum("nck,nkx->ncx", subtet_corners()[subtets], corners[tets])
+    weights = path_corners(levels)[subtets] / 2**levels
+    return np.einsum("nck,nkx->ncx", weights, corners[tets])
 
 
-def numbered_corners(mesh: TetMesh, tets: np.ndarray, subtets: np.ndarray) -> np.ndarray:
+def volumes_of(corners):
+    """Of tets by their corners.  [N, 4, 3] -> [N]"""
+    return np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+
+
+def numbered_corners(mesh: TetMesh, tets: np.ndarray, subtets: np.ndarray, levels=LEVELS):
     """Numbers of the corners of sub-tets, the same in all that share one.  [N, 4] int
 
     Args:
         tets, subtets: The tet that holds each [N], and its number in it [N].
+        levels: 1 of children.
     """
     corners = mesh.addresses[mesh.tets].astype(int)[tets]
-    addresses = np.einsum("nck,nkx->ncx", path_corners(LEVELS)[subtets], corners)
+    addresses = np.einsum("nck,nkx->ncx", path_corners(levels)[subtets], corners)
     x, y, z = (addresses - addresses.min(axis=(0, 1), initial=0)).transpose(2, 0, 1)
     keys = (x << 42) | (y << 21) | z
     return np.unique(keys, return_inverse=True)[1].reshape(keys.shape)

@@ -15,6 +15,7 @@ from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
 from deformrf.core.render import in_space, views_of_rows
 from deformrf.core.training import evaluate, load_checkpoint, preset, trainer
 from deformrf.core.training.data.raybank import RayBank
+from deformrf.core.training.meant import Meant
 from deformrf.core.training.run.batch import Batch
 from deformrf.core.training.run.optimization import PAUSE_INTERVAL
 from deformrf.core.training.run.training_field import TrainingField
@@ -44,6 +45,37 @@ def trained(ball_data):
 def brief(ball_data):
     """A run of BRIEF that nothing interrupts."""
     return trainer.train(ball_data[0], BRIEF, "cpu", "ball")
+
+
+@pytest.mark.parametrize("left_out", [(), ("isolation",)])
+def test_what_photographs_mean_is_cut_out_and_the_uncut_field_is_kept(
+    ball_data, monkeypatch, left_out
+):
+    """Of photographs without alpha, and unless it is left out."""
+    pixels = ball_data[0].pixels.copy()
+    pixels[:, 3] = 255
+    looked = []
+
+    def meant(field, poses, place):
+        looked.append((field, poses, place))
+        return Meant(replace(field, meta={"cut": True}), 0.25)
+
+    monkeypatch.setattr(trainer, "meant", meant)
+    # A box is given: nothing is sought.
+    choices = {"leave_out": left_out, "scene_radius": 1.5, "surroundings": "learnt"}
+    choices |= {"coarse_steps": 20, "fine_steps": 4, "samples_per_step": 2**10}
+    run = trainer.train(replace(ball_data[0], pixels=pixels), replace(BRIEF, **choices), "cpu")
+    if left_out:
+        assert not looked and run.uncut is None
+        return
+    field, poses, place = looked[0]
+    assert run.uncut is field and run.field.meta == {"cut": True} and run.left_out == 0.25
+    assert poses.shape == ball_data[0].poses.shape and place.shape == (3,)
+
+
+def test_what_alpha_tells_is_not_cut(ball_data, monkeypatch):
+    monkeypatch.setattr(trainer, "meant", lambda *given: pytest.fail("it was looked at"))
+    assert trainer.train(ball_data[0], BRIEF, "cpu").uncut is None
 
 
 def test_a_ball_is_learnt_from_its_pictures(ball_data, trained):
