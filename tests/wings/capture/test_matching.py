@@ -12,6 +12,7 @@ from deformrf.wings.capture import features, find_photos, library, matching, wor
 
 pytest.importorskip("pycolmap")
 COUNT = 24
+MORE = 0.03  # of the pairs, that pycolmap may miss
 SURE = 20  # matches that fit together of a pair that has to be found
 
 
@@ -66,7 +67,8 @@ def test_pairs_share_what_pycolmap_finds(begun, expected):
     matching.match_photos(begun, False, quietly)
     found = shared(begun)
     assert {pair for pair, count in expected.items() if count >= SURE} <= set(found)
-    assert {pair for pair, count in found.items() if count >= SURE} <= set(expected)
+    more = {pair for pair, count in found.items() if count >= SURE} - set(expected)
+    assert len(more) <= MORE * len(expected)  # pycolmap's neighbors are the nearest only mostly
     assert sum(found.values()) == pytest.approx(sum(expected.values()), rel=0.03)
     with begun.database() as database:
         keys = [image.image_id for image in database.read_all_images()]

@@ -163,7 +163,7 @@ def test_blurred_photographs_are_drawn_less_and_named():
     pixels[first:last, :3] = np.asarray(image.filter(ImageFilter.BoxBlur(3))).reshape(-1, 3)
     dataset, said = replace(dataset, pixels=pixels), []
     options = preset("tiny", surroundings="learnt")
-    place = np.eye(4), "cpu", None, said.append
+    place = np.eye(4), "cpu", None, None, said.append
     bank = photographed_rays(dataset, options, *place)
     counts = np.bincount(np.searchsorted(dataset.first_pixels, bank.bank.pool.numpy(), "right") - 1)
     assert (np.delete(counts, 3) == 1600).all() and counts[3] < 800
