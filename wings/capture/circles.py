@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .features import LEAST_MATCHES
 from .library import load_pycolmap
 from .still import Still
 
@@ -342,12 +343,14 @@ def on_circles(found, groups, numbers, scales, still=None, advance=lambda count:
     rings = adjust(first_rings(places, *free), seen, advance)
     if not error(rings, seen) < WORSE * error(first_rings([], *free), seen):
         return False
-    if still is not None and len(fitted) > 1:
+    shared = still is not None and np.isin(still.rings, fitted).all(axis=1)
+    if np.count_nonzero(shared) >= LEAST_MATCHES:
         before = *rings.cameras(), rings.focal, rings.k, rings.points
         one = first_rings(places, *before, one_stand=True)
         one = adjust(one, seen, lambda count: advance(STEPS + count))
-        numbered = {ring: r for r, ring in enumerate(fitted)}
-        both = with_background(one, seen, still, numbered)
+        numbered = np.searchsorted(fitted, still.rings[shared])
+        behind = Still(numbered, still.pixels[shared], still.scales[shared])
+        both = with_background(one, seen, behind)
         joined = adjust(*both, lambda count: advance(2 * STEPS + count))
         rings = without_background(joined, rings, seen)
     advance(3 * STEPS)
@@ -360,18 +363,15 @@ def error(rings: Rings, seen: Observed) -> float:
     return float(np.median(np.linalg.norm(pixels_of(rings, seen) - seen.pixels, axis=1)))
 
 
-def with_background(rings: Rings, seen: Observed, still: Still, numbered: dict):
+def with_background(rings: Rings, seen: Observed, still: Still):
     """Rings with one more camera for each that has an axis, and what these see of the background.
 
     Args:
-        numbered: The number here of each of the rings that `still` numbers.
+        still: It numbers the rings as they are here.
     """
-    used = np.array([set(pair) <= numbered.keys() for pair in still.rings.tolist()], bool)
-    pairs = np.array([[numbered[r] for r in pair] for pair in still.rings[used].tolist()])
-    pairs, pixels = pairs.reshape(-1, 2), still.pixels[used]
-    scales = still.scales[used]
-    count, first = len(numbered), [np.flatnonzero(rings.ring == r)[0] for r in range(len(numbered))]
-    lens = seen.lenses[first]
+    pairs, pixels, scales = still.rings, still.pixels, still.scales
+    count = len(np.unique(rings.ring[rings.stand > 0]))
+    lens = seen.lenses[[np.flatnonzero(rings.ring == r)[0] for r in range(count)]]
     origins, directions = np.zeros((2, len(pairs), 2, 3))
     for side in range(2):
         r = pairs[:, side]

@@ -154,7 +154,7 @@ def joined(rings, seen, still):
     alone = circles.adjust(circles.first_rings(groups, *free), seen)
     found = *alone.cameras(), alone.focal, alone.k, alone.points
     one = circles.adjust(circles.first_rings(groups, *found, one_stand=True), seen)
-    both = circles.adjust(*circles.with_background(one, seen, still, {0: 0, 1: 1}))
+    both = circles.adjust(*circles.with_background(one, seen, still))
     return alone, circles.without_background(both, alone, seen)
 
 
