@@ -57,9 +57,8 @@ def for_views(options, arguments, views):
     given = arguments.preset != "default" or arguments.steps is not None
     if given or not training.learns_surroundings(options.surroundings, views):
         return options
-    return with_steps(
-        options, round(SURROUNDED_STEPS * (options.coarse_steps + options.fine_steps))
-    )
+    coarse = 0 if "coarse-stage" in options.leave_out else options.coarse_steps
+    return with_steps(options, round(SURROUNDED_STEPS * (coarse + options.fine_steps)))
 
 
 def with_steps(options, steps: int):

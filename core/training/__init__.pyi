@@ -40,6 +40,7 @@ from .data.layouts import list_images as list_images
 from .data.datasets import read_image as read_image, shrunk_size as shrunk_size, size_of as size_of
 
 # For wings/capture.
+from .data.transforms import MADE_BY as MADE_BY
 from .data.masks import (
     UNTOLD as UNTOLD,
     mask_paths as mask_paths,

@@ -393,7 +393,11 @@ class _Run:
             alone, report, interrupted, diverged, out_of_memory, self.resumable, whole
         )
         if trained.complete and self.surroundings and self.workers.is_first:
-            self._isolate(trained)
+            try:
+                self._isolate(trained)
+            except (KeyboardInterrupt, ValueError, *ALLOCATION_ERRORS) as error:
+                reason = str(error) or type(error).__name__
+                self.progress.say(f"The model keeps all that the object touches: {reason}.")
         return trained
 
     def _isolate(self, trained: Trained):

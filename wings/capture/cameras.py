@@ -16,7 +16,14 @@ from PIL import Image
 
 from ...core.base.paths import free_name, whole_file
 from ...core.base.reading import open_file, read_text
-from ...core.training import mask_paths, nearest_to_axes, photo_folder, save_points, upright
+from ...core.training import (
+    MADE_BY,
+    mask_paths,
+    nearest_to_axes,
+    photo_folder,
+    save_points,
+    upright,
+)
 from .agreement import Agreement, agreement
 from .features import find_features
 from .library import load_pycolmap
@@ -33,7 +40,6 @@ from .work import Work, open_work
 
 TRANSFORMS_FILE = "transforms.json"
 MASKS_FOLDER = "masks"  # or masks-2 and so on
-MADE_BY = "deformrf-train"  # under the key made_by of transforms.json
 HEAD = 1000  # bytes of the file, in which that stands
 DISTANCE = 4.0  # about that of NeRF-synthetic's cameras, which is 4.03
 LEAST_PHOTOS = 8  # with which something can be learned at all

@@ -38,6 +38,7 @@ INPUT, OUTPUT = "{in}", "{out}"
 # For one photograph; the first run of a program may download a network's weights.
 FIRST_SECONDS, SECONDS = 900.0, 120.0
 AT_ONCE, THREADS_EACH = 4, 4  # programs, most of whose time one thread loads a network
+SLOWER = 4.0  # than the first one, than which as many times slower others are at once
 WIDER = 4  # times as wide as the photograph a mask may be
 TINT = 16  # of 255: colors that differ by more are not gray
 HAZE = 64  # of 255: what is less the object's is background
@@ -104,7 +105,8 @@ def make_mattes(work: Work, words, begin):
     with begin("Masking photographs", total, done) as advance:
         try:
             # The first alone: several would download the same weights.
-            for numbers, seconds in ((todo[:1], FIRST_SECONDS), (todo[1:], SECONDS)):
+            begun, seconds = time.monotonic(), FIRST_SECONDS
+            for numbers in (todo[:1], todo[1:]):
                 running = {pool.submit(make_matte, work, n, words, seconds, stop) for n in numbers}
                 while running:
                     ended, running = wait(running, POLL_SECONDS, FIRST_EXCEPTION)
@@ -112,6 +114,7 @@ def make_mattes(work: Work, words, begin):
                         future.result()
                     done += len(ended)
                     advance(done)
+                seconds = max(SECONDS, SLOWER * at_once * (time.monotonic() - begun))
         finally:
             stop.set()
             pool.shutdown(cancel_futures=True)
@@ -214,6 +217,8 @@ def read_made(path: Path, size) -> np.ndarray:
     except ImageError as error:
         raise ProgramError(f"wrote no mask: {str(error).replace(str(path), 'its file')}") from None
     tints = [ImageChops.difference(colors[0], other).getextrema()[1] for other in colors[1:]]
+    if max(tints) <= TINT and alpha.getextrema()[0] == 255:
+        has_alpha = False  # a gray mask, saved with an alpha that tells nothing
     if not has_alpha and max(tints) > TINT:
         raise ProgramError("wrote a colored image without alpha, which tells no object")
     mask = without_classes(alpha if has_alpha else colors[0])

@@ -56,7 +56,10 @@ def find_turning(work: Work, begin) -> list[tuple[int, ...]]:
         np.median([(object_mask(work, n, size_of(work, n)) > 0).mean() for n in ring])
         for ring in rings
     ]
-    return [ring for ring, share in zip(rings, shown, strict=True) if share >= TURNS]
+    turn = [ring for ring, share in zip(rings, shown, strict=True) if share >= TURNS]
+    for number in {n for ring in rings for n in ring} - {n for ring in turn for n in ring}:
+        work.matte_path(number).unlink(missing_ok=True)  # it shows nothing
+    return turn
 
 
 def size_of(work: Work, number: int):

@@ -32,6 +32,7 @@ from .posed_images import (
     rigid_pose,
 )
 
+MADE_BY = "deformrf-train"  # under the key made_by, if wings/capture wrote the file
 MOST_RINGS = 10_000
 PERSPECTIVE = {None, "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
 
@@ -142,7 +143,7 @@ def posed(scene, frame, image, mask, path) -> PosedImage:
     upright = frame.get("upright") is True
     lens = lens_reader(values, path)
     mask_name = frame.get("mask_path") or ""
-    ring = ring_of(frame, path)
+    ring = ring_of(frame, path) if scene.get("made_by") == MADE_BY else -1
     return PosedImage(image, pose, lens, stated, upright, mask=mask, mask_name=mask_name, ring=ring)
 
 

@@ -47,13 +47,31 @@ def brief(ball_data):
     return trainer.train(ball_data[0], BRIEF, "cpu", "ball")
 
 
+def before_surroundings(ball_data, left_out=()):
+    """A short run on the ball's photographs without alpha; nothing is sought."""
+    pixels = ball_data[0].pixels.copy()
+    pixels[:, 3] = 255
+    choices = {"leave_out": left_out, "scene_radius": 1.5, "surroundings": "learnt"}
+    choices |= {"coarse_steps": 20, "fine_steps": 4, "samples_per_step": 2**10}
+    return trainer.train(replace(ball_data[0], pixels=pixels), replace(BRIEF, **choices), "cpu")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), MemoryError(), ValueError("no flow")])
+def test_a_cut_that_fails_leaves_the_model_whole(ball_data, monkeypatch, capsys, error):
+    def meant(field, poses, place):
+        raise error
+
+    monkeypatch.setattr(trainer, "meant", meant)
+    run = before_surroundings(ball_data)
+    assert run.complete and run.uncut is None and run.field.mesh.tet_count > 0
+    assert "The model keeps all that the object touches" in "".join(capsys.readouterr())
+
+
 @pytest.mark.parametrize("left_out", [(), ("isolation",)])
 def test_what_photographs_mean_is_cut_out_and_the_uncut_field_is_kept(
     ball_data, monkeypatch, left_out
 ):
     """Of photographs without alpha, and unless it is left out."""
-    pixels = ball_data[0].pixels.copy()
-    pixels[:, 3] = 255
     looked = []
 
     def meant(field, poses, place):
@@ -61,10 +79,7 @@ def test_what_photographs_mean_is_cut_out_and_the_uncut_field_is_kept(
         return Meant(replace(field, meta={"cut": True}), 0.25)
 
     monkeypatch.setattr(trainer, "meant", meant)
-    # A box is given: nothing is sought.
-    choices = {"leave_out": left_out, "scene_radius": 1.5, "surroundings": "learnt"}
-    choices |= {"coarse_steps": 20, "fine_steps": 4, "samples_per_step": 2**10}
-    run = trainer.train(replace(ball_data[0], pixels=pixels), replace(BRIEF, **choices), "cpu")
+    run = before_surroundings(ball_data, left_out)
     if left_out:
         assert not looked and run.uncut is None
         return

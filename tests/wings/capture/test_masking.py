@@ -47,6 +47,7 @@ COPIES = READS + "Image.open(pathlib.Path(sys.argv[1], source[-7:])).save(target
 RIGHT = {
     "gray": "Image.fromarray(half).save(target)",
     "alpha": "image.putalpha(Image.fromarray(half)); image.save(target)",
+    "opaque alpha": "Image.fromarray(half).convert('RGBA').save(target)",
     "opaque colors": "Image.fromarray(np.stack(3 * [half], -1)).save(target)",
     "numbers of classes": "Image.fromarray((half > 0).astype(np.uint8)).save(target)",
     "16 bits": "Image.fromarray(half.astype(np.uint16) * 257).save(target)",

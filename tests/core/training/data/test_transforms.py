@@ -198,6 +198,7 @@ def test_whatever_a_scene_holds_it_is_read_or_refused(tmp_path):
     rng = np.random.default_rng()
     scene = json.loads((write(tmp_path, count=4) / "transforms.json").read_text())
     scene |= {"train_filenames": ["images/0001.png"], "camera_model": "OPENCV", "is_fisheye": 0}
+    scene["made_by"] = "deformrf-train"
     for frame in scene["frames"]:
         frame |= {"mask_path": frame["file_path"], "time": 0.5, "ring": 1}
     counts = {True: 0, False: 0}
@@ -365,15 +366,17 @@ def test_rings_are_read_where_there_are_masks(tmp_path):
     frames = {i: {"mask_path": f"images/{i:04d}.png"} for i in range(9)}
     for i, ring in ((1, 2), (3, None), (4, 0)):
         frames[i]["ring"] = ring
-    write(tmp_path, per_frame=frames)
+    write(tmp_path, per_frame=frames, made_by="deformrf-train")
     rings = load_dataset(tmp_path, "train").rings
     np.testing.assert_array_equal(rings, [2, -1, -1, 0, -1, -1, -1])
-    write(tmp_path, per_frame={1: {"ring": 2}})
+    write(tmp_path, per_frame={1: {"ring": 2}}, made_by="deformrf-train")
     assert load_dataset(tmp_path, "train").rings is None
+    write(tmp_path, per_frame=frames)  # another program's numbers mean something else
+    assert (load_dataset(tmp_path, "train").rings == -1).all()
 
 
 @pytest.mark.parametrize("ring", ["a", -1, 0.5, 1e999, True, [1]])
 def test_a_ring_that_is_none_is_refused(tmp_path, ring):
-    write(tmp_path, per_frame={1: {"ring": ring}})
+    write(tmp_path, per_frame={1: {"ring": ring}}, made_by="deformrf-train")
     with pytest.raises(DatasetError, match=r"ring = .*: it has to be a whole number"):
         load_dataset(tmp_path, "train")
