@@ -7,9 +7,11 @@ Seitz 2000, with errors).  The silhouettes of the rest, the hull, say of each pi
 
 * well within a silhouette: the object;
 * outside: the background;
-* near its edge: what the pixel's own matte says.  Where that is open, the silhouette of the cubes
-  that are sure says it: those well inside the hull, and those that views saw as the object.  The
-  rest remains UNTOLD, as are shadows around its feet that lie there in each view.
+* near its edge: what the pixel's own matte says.
+
+Where a matte is open within the silhouette of the hull, the silhouette of the cubes that are sure
+decides: those well inside the hull, and those that views saw as the object.  What lies outside of
+that one remains UNTOLD, as are shadows around the object's feet that lie there in each view.
 
 A program that segments single photographs (masking.py) now and then sees something else, or half of
 the object, and one in five such mattes would carve the object away.  So `agreeing` asks first which

@@ -38,7 +38,7 @@ INPUT, OUTPUT = "{in}", "{out}"
 # For one photograph; the first run of a program may download a network's weights.
 FIRST_SECONDS, SECONDS = 900.0, 120.0
 AT_ONCE, THREADS_EACH = 4, 4  # programs, most of whose time one thread loads a network
-SLOWER = 4.0  # than the first one, than which as many times slower others are at once
+SLOWER = 4.0  # times the seconds of the first, by the calls at once, that others may take
 WIDER = 4  # times as wide as the photograph a mask may be
 TINT = 16  # of 255: colors that differ by more are not gray
 HAZE = 64  # of 255: what is less the object's is background

@@ -91,7 +91,9 @@ def find_still(work: Work, rings) -> Still:
         for ring in rings:
             one, other = ring[len(ring) // 2], ring[len(ring) // 2 - 1]
             features = features_of(database, keys[one])
-            seen.append(background_of(work, one, features, features_of(database, keys[other])))
+            seen.append(
+                background_features(work, one, features, features_of(database, keys[other]))
+            )
     shared, pixels, scales = [np.zeros((0, 2), int)], [np.zeros((0, 2, 2))], [np.zeros((0, 2))]
     for pair in combinations(range(len(rings)), 2):
         (one, sizes, a), (other, others, b) = (seen[r] for r in pair)
@@ -102,7 +104,7 @@ def find_still(work: Work, rings) -> Still:
     return Still(*map(np.concatenate, (shared, pixels, scales)))
 
 
-def background_of(work: Work, number: int, features, others):
+def background_features(work: Work, number: int, features, others):
     """Places, scales and descriptors of features that another photograph of the ring has there."""
     places, _, described, scales = features
     size = shrunk_size(work.photos[number].size, work.image_size)
