@@ -291,7 +291,7 @@ def mask_name(photo: Photo) -> str:
 
 def said_of_masks(capture: Capture) -> str:
     """Whose masks the written ones are, as the beginning of a sentence."""
-    if not capture.program:
+    if not capture.found.made:
         return "What turns was cut out by masks"
     names = dict(zip(capture.mapped.numbers.tolist(), capture.photos, strict=True))
     wrong = [names[number].path.name for number in capture.found.overruled]
@@ -380,15 +380,15 @@ def summary(capture: Capture) -> str:
         text += f"\n{said_of(capture.rings)}."
         if not capture.mapped.is_on_circles:
             text += " It did not turn about one axis, so each camera was found by itself."
+    if capture.program and not (capture.found and capture.found.made):
+        text += (
+            f"\nWhat {capture.program} takes for the object is not one thing in space, so its "
+            f"masks are not used."
+        )
     if capture.masks_at:
         text += (
             f"\n{said_of_masks(capture)}, in {capture.masks_at}: mend what is wrong there, or give "
             f"others by --masks."
-        )
-    elif capture.program and not capture.found:
-        text += (
-            f"\nWhat {capture.program} takes for the object is not one thing in space, so its "
-            f"masks are not used."
         )
     if capture.whole:
         text += (

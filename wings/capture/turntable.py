@@ -31,11 +31,13 @@ class FoundMasks:
     Attributes:
         masks: By the photograph's number: how much of each pixel is the object's.  [h, w] uint8
         box: In the world of the cameras.  [2, 3]
+        made: Whether they are by the user's program, mended; else by rings or the user's masks.
         overruled: Photographs, by number, of whose matte only the others' votes are left.
     """
 
     masks: dict
     box: np.ndarray
+    made: bool = False
     overruled: tuple[int, ...] = ()
 
 
@@ -96,8 +98,17 @@ def resized(image, size):
 def find_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
     """The masks of all photographs by the votes of all, in the world of `mapped`; None without any.
 
-    Of masks that the user has given only the box is used.
+    Of masks that the user has given only the box is used.  Where what a program takes for the
+    object is not one thing in space, mattes of rings serve.
     """
+    found = voted_masks(work, mapped, begin)
+    if found is None and work.program:
+        found = voted_masks(replace(work, program=""), mapped, begin)
+    return found
+
+
+def voted_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
+    """As `find_masks`, by one kind of mattes alone."""
     views = [view_of(work, mapped, row) for row in range(len(mapped.numbers))]
     has_vote = np.array([view.matte is not None for view in views])
     points = mapped.points.points
@@ -116,7 +127,7 @@ def find_masks(work: Work, mapped: Mapped, begin) -> FoundMasks | None:
             masks[int(mapped.numbers[row])] = voted(view, hull)
             advance(levels() + row + 1)
     overruled = mapped.numbers[~has_vote].tolist() if work.program else ()
-    return FoundMasks(masks, hull.box, tuple(overruled))
+    return FoundMasks(masks, hull.box, bool(work.program), tuple(overruled))
 
 
 def view_of(work: Work, mapped: Mapped, row: int) -> View:

@@ -2,6 +2,7 @@
 
 import json
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from deformrf.wings.capture import (
     turntable,
     work,
 )
+from deformrf.wings.capture.carving import overlap
 
 pytest.importorskip("pycolmap")
 ANGLES, HEIGHTS = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), (1.2, 1.9)
@@ -111,6 +113,24 @@ def test_rings_that_do_not_fit_are_told_as_such(turned, tmp_path):
         (folder / path.name).write_bytes(path.read_bytes())
     with pytest.raises(CaptureError, match=r"stood still for 12 photographs .* 2 rings"):
         find_cameras(folder, tmp_path / "m.capture")
+
+
+def test_rings_have_mattes_where_a_program_s_are_of_nothing(turned, found, tmp_path):
+    """It took another corner of each photograph for the object."""
+    photos, _ = find_photos(turned[0])
+    begun, _ = work.open_work(tmp_path / "m.capture", photos, 1600, program="digest")
+    for number, shown in enumerate(turned[2]):
+        wrong = np.zeros(shown.shape, np.uint8)
+        wrong[40 * (number % 4) :][:30, 4 * number :][:, :15] = 255
+        begun.keep_matte(number, wrong, made=True)
+        begun.keep_matte(number, np.where(shown, np.uint8(255), np.uint8(0)))
+    masks = turntable.find_masks(begun, found.mapped, quietly)
+    scores = [overlap(mask > 127, turned[2][n]) for n, mask in masks.masks.items()]
+    assert np.mean(scores) > 0.9
+    told = summary(replace(found, program="rembg", found=masks))
+    assert "What rembg takes for the object is not one thing in space, so its masks are not" in told
+    assert f"What turns was cut out by masks, in {found.masks_at}" in told
+    assert "mended by the votes" not in told
 
 
 @pytest.mark.soak
