@@ -366,27 +366,38 @@ def model_of(trained, arguments: TrainArguments):
 def keep_whole(trained, path: Path, arguments: TrainArguments) -> str:
     """Write the model with what was cut off, if any was, beside the one at `path`; a line of it.
 
-    A file that is there is replaced only if it is the one that an earlier run kept of that model.
+    A file that is there is replaced, or removed, only if it is what an earlier run kept of that
+    model.
     """
-    if trained.uncut is None or arguments.keep_surroundings:
-        return ""
     place = path.with_stem(path.stem + "-whole")
+    if trained.uncut is None or arguments.keep_surroundings:
+        return removed_whole(place, path) if trained.complete else ""
     whole = with_size(replace(trained.uncut, surroundings=None), arguments.object_size)
-    whole = replace(whole, meta={**whole.meta, "whole_of": path.name})
     said = f"\nLeft out what the object stands or leans on: {trained.left_out:.0%} of the matter"
     try:
         if place.exists() and not is_whole_of(place, path):
             place = free_name(place.with_suffix(""), ".npz")
-        fields.save(whole, place, entry_bits=arguments.entry_bits)
+        fields.save(whole, place, {fields.WHOLE_OF: path.name}, arguments.entry_bits)
     except OSError as error:
         return f"{said}; it is lost, can't write {place}: {error.strerror or error}"
     return f"{said}; {place} has all: deformrf view {place}, Isolate."
 
 
-def is_whole_of(place: Path, path: Path) -> bool:
-    """Whether a file is what an earlier run kept of the model at `path`."""
+def removed_whole(place: Path, path: Path) -> str:
+    """Remove what an earlier run kept of the model that was at `path`, if it did; a line of it."""
+    if not is_whole_of(place, path):
+        return ""
     try:
-        return fields.load(place).meta.get("whole_of") == path.name
+        place.unlink()
+    except OSError as error:
+        return f"\n{place} is of an earlier model; can't remove it: {error.strerror or error}"
+    return f"\nRemoved {place}, which was of an earlier model: from this one nothing was cut off."
+
+
+def is_whole_of(place: Path, path: Path) -> bool:
+    """Whether a file is what an earlier run kept of the model at `path`, as it wrote it."""
+    try:
+        return fields.load(place).meta.get(fields.WHOLE_OF) == path.name
     except fields.ModelFileError:
         return False
 

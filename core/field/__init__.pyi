@@ -8,7 +8,11 @@ from .reduction import (
 )
 
 # For the rooms next door.
-from .modelfile import bytes_of_file as bytes_of_file, save_exactly as save_exactly
+from .modelfile import (
+    WHOLE_OF as WHOLE_OF,
+    bytes_of_file as bytes_of_file,
+    save_exactly as save_exactly,
+)
 from .field import same_values as same_values
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry

@@ -67,10 +67,12 @@ LONGEST_LINE = 2000  # characters of a text on the training
 MESH_ARRAYS = ("rest_vertices", "addresses", "tets", "occupancy")
 TABLE_ARRAYS = ("table_", "reached_", "scale_")
 HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
+# Of a file alone: the model of which it has all, as training wrote it.  A copy may be edited.
+WHOLE_OF = "whole_of"
 SHOWN = "data", "device", "diverged", "attribution"  # in windows and terminals
 FINITE = number(-(2.0**63), 2.0**63)
 TRAINING = {  # what is known of a training: whether a value of the file is one
-    **dict.fromkeys(SHOWN, text()),
+    **dict.fromkeys((*SHOWN, WHOLE_OF), text()),
     **dict.fromkeys(("interrupted", "object_stands"), flag),
     **dict.fromkeys(("seconds", "stage_1_seconds", "size"), FINITE),
     **dict.fromkeys(("object_slack", "occupied_share"), FINITE),
@@ -99,6 +101,7 @@ def save(
     to one byte with a scale per level and feature; `load` returns what is left.
 
     Args:
+        metadata_: What to say of its training beyond `field.meta`.
         entry_bits: 16 or 8, per feature of an entry; None: as in the file that the field was
             read from, 16 if it was read from none.
     """
@@ -139,7 +142,8 @@ def pack(field: TetField, metadata_: dict | None = None, entry_bits: int | None 
     if field.stiffness is not None:
         arrays["stiffness"] = field.stiffness.astype(np.float16)
     arrays |= field.rig_arrays or {}
-    meta = meta_text(field, spacing, {**field.meta, **(metadata_ or {})}).encode()
+    training = {key: value for key, value in field.meta.items() if key != WHOLE_OF}
+    meta = meta_text(field, spacing, training | (metadata_ or {})).encode()
     if len(meta) > LONGEST_META:
         raise ValueError(f"what is said of the training has {len(meta)} bytes, over {LONGEST_META}")
     return arrays | {"meta": np.frombuffer(meta, np.uint8)}

@@ -80,6 +80,25 @@ def test_what_was_cut_off_is_kept_beside_the_model(call, trainer, data, tmp_path
     modelfile.load(tmp_path / "m-whole-2.npz")
 
 
+@pytest.mark.parametrize("edited", [False, True])
+def test_what_is_kept_of_an_earlier_model_goes_with_it(
+    call, trainer, data, tmp_path, field, edited
+):
+    """Unless somebody has edited it: then it is the user's."""
+    trainer.trained.uncut = field
+    output, whole = tmp_path / "m.npz", tmp_path / "m-whole.npz"
+    call(train.main, data, "-o", output, "--device", "cpu")
+    if edited:
+        modelfile.save(modelfile.load(whole), whole)
+        content = whole.read_bytes()
+        result = call(train.main, data, "-o", output, "--device", "cpu")
+        assert whole.read_bytes() == content and "m-whole-2.npz has all" in result.out
+    trainer.trained.uncut = None
+    result = call(train.main, data, "-o", output, "--device", "cpu")
+    assert whole.exists() == edited
+    assert (f"Removed {whole}, which was of an earlier model" in result.out) != edited
+
+
 def test_nothing_is_kept_beside_a_model_that_has_all(call, trainer, data, tmp_path, field):
     trainer.trained.uncut = field
     flags = "--device", "cpu", "--keep-surroundings"
