@@ -82,7 +82,7 @@ def photographed_rays(
     around = learns_surroundings(options.surroundings, dataset)
     untold = untold_pixels(dataset)
     if untold is not None and plates is not None:
-        untold &= ~plates.reach()
+        untold[plates.reach()] = False
     bank.draw_from(box, weights, ASIDE if around else 0.0, untold)
     return bank
 

@@ -11,7 +11,7 @@ show at p whose masks tell it as background, or else the mean of all.  Opacity w
 follows from what moves along with the object and what does not; a shadow that lies there in each
 view belongs to the plate.
 
-Shapes: R rays, N views, K places of plates.
+Shapes: R rays, N views, K places of plates, U pixels that have one.
 """
 
 import numpy as np
@@ -32,26 +32,30 @@ class LearnedPlates(torch.nn.Module):
         offsets: θ.  [K, 3]
 
     Args:
-        places: The place of each pixel's plate; -1 for pixels that need none.  [P] int
+        pixels: Those that have a plate, in order.  [U] int
+        places: The place of each of these.  [U] int
         colors: b.  [K, 3]
         device: torch's.
     """
 
-    def __init__(self, places, colors, device):
+    def __init__(self, pixels, places, colors, device):
         super().__init__()
         self.offsets = torch.nn.Parameter(torch.zeros(len(colors), 3, device=device))
         self._colors = torch.as_tensor(colors, dtype=torch.float32, device=device)
+        self._pixels = torch.as_tensor(pixels, dtype=torch.int32, device=device)
         self._places = torch.as_tensor(places, dtype=torch.int32, device=device)
 
     def forward(self, pixels):
         """The colors behind pixels [R, 3], and 1 where these are untold, else 0 [R]."""
-        places = self._places.index_select(0, pixels)
-        plates = self._colors + SCALE * self.offsets
-        return plates.index_select(0, places.clamp(min=0)), (places >= 0).float()
+        rows = torch.searchsorted(self._pixels, pixels, out_int32=True)
+        rows = rows.clamp(max=len(self._pixels) - 1)
+        untold = self._pixels.index_select(0, rows) == pixels
+        places = self._places.index_select(0, rows)
+        return (self._colors + SCALE * self.offsets).index_select(0, places), untold.float()
 
     def reach(self) -> np.ndarray:
-        """Pixels that have a plate.  [P] bool"""
-        return (self._places >= 0).cpu().numpy()
+        """Pixels that have a plate, in order.  [U] int32"""
+        return self._pixels.cpu().numpy()
 
 
 def learned_plates(dataset: Dataset, device) -> LearnedPlates | None:
@@ -59,16 +63,21 @@ def learned_plates(dataset: Dataset, device) -> LearnedPlates | None:
     untold = untold_pixels(dataset)
     if untold is None or dataset.rings is None:
         return None
-    places, colors = np.full(len(untold), -1, np.int32), [np.zeros((0, 3))]
+    found, count = [], 0
     for ring in np.unique(dataset.rings[dataset.rings >= 0]):
         views = np.flatnonzero(dataset.rings == ring)
         if len({size_of(dataset, view) for view in views}) == 1:
-            add_plate(dataset, views, untold, places, colors)
-    return LearnedPlates(places, np.concatenate(colors), device) if (places >= 0).any() else None
+            found.append(plate_of(dataset, views, untold, count))
+            count += len(found[-1][-1])
+    if not count:
+        return None
+    pixels, places, colors = map(np.concatenate, zip(*found, strict=True))
+    order = np.argsort(pixels)
+    return LearnedPlates(pixels[order], places[order], colors, device)
 
 
-def add_plate(dataset: Dataset, views, untold, places, colors):
-    """Set the places of a ring's untold pixels, and append their colors."""
+def plate_of(dataset: Dataset, views, untold, count: int):
+    """The untold pixels of a ring [U], their places from `count` on [U], these colors [K, 3]."""
     width, height = size_of(dataset, views[0])
     step = -(-max(width, height) // SIDE)
     across = -(-width // step)
@@ -84,10 +93,10 @@ def add_plate(dataset: Dataset, views, untold, places, colors):
         needed += np.bincount(cells, untold[span], len(total))
     used = np.flatnonzero(needed)
     numbers = np.full(len(total), -1, np.int32)
-    numbers[used] = sum(map(len, colors)) + np.arange(len(used))
-    for span in spans:
-        places[span] = np.where(untold[span], numbers[cells], -1)
-    colors.append(total[used] / weight[used, None] / 255.0)
+    numbers[used] = count + np.arange(len(used))
+    pixels = [span.start + np.flatnonzero(untold[span]) for span in spans]
+    places = [numbers[cells[untold[span]]] for span in spans]
+    return np.concatenate(pixels), np.concatenate(places), total[used] / weight[used, None] / 255.0
 
 
 def size_of(dataset: Dataset, view: int):

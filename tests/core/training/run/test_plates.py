@@ -51,8 +51,8 @@ def test_first_colors(dataset, side, monkeypatch):
 def test_what_they_learn(dataset):
     """Views that see the plate with a weight each: it becomes what fits them best."""
     learned = plates.learned_plates(dataset, "cpu")
-    chosen = np.flatnonzero(learned.reach())
-    pixels = torch.from_numpy(chosen.astype(np.int32))
+    chosen = learned.reach()
+    pixels = torch.from_numpy(chosen)
     rng = np.random.default_rng()
     left = torch.from_numpy(rng.uniform(0.2, 1.0, len(chosen))).float()
     target = torch.from_numpy(rng.uniform(size=(len(chosen), 3))).float()
@@ -66,12 +66,22 @@ def test_what_they_learn(dataset):
 
     optimizer.step(loss)
     found = learned(pixels)[0].detach().numpy().astype(np.float64)
-    places = learned._places[chosen].numpy()
+    places = learned._places.numpy()
     weight, goal = left.numpy().astype(np.float64), target.numpy().astype(np.float64)
     for place in np.unique(places)[:20]:
         at = places == place
         expected = (weight[at, None] * goal[at]).sum(axis=0) / (weight[at] ** 2).sum()
         np.testing.assert_allclose(found[at][0], expected, atol=1e-3)
+
+
+def test_only_untold_pixels_of_rings_take_memory(dataset):
+    """The other pixels of all views may be hundreds of millions."""
+    learned = plates.learned_plates(dataset, "cpu")
+    untold = (dataset.pixels[:, 3] == UNTOLD).reshape(5, -1)
+    untold[[1, 4]] = False
+    np.testing.assert_array_equal(learned.reach(), np.flatnonzero(untold))
+    held = [value for value in vars(learned).values() if isinstance(value, torch.Tensor)]
+    assert all(len(value) <= untold.sum() for value in held)
 
 
 def test_views_of_different_sizes_share_no_plate(dataset):
