@@ -274,6 +274,8 @@ class _Run:
         if self.resumed and self.resumed.stage == stage:
             try:
                 optimization.load_state(self.resumed.fit)
+            except CheckpointError:
+                raise
             except (LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
                 if lacks_memory(error):
                     raise

@@ -14,6 +14,8 @@ view belongs to the plate.
 Shapes: R rays, N views, K places of plates, U pixels that have one.
 """
 
+from zlib import crc32
+
 import numpy as np
 import torch
 
@@ -56,6 +58,10 @@ class LearnedPlates(torch.nn.Module):
     def reach(self) -> np.ndarray:
         """Pixels that have a plate, in order.  [U] int32"""
         return self._pixels.cpu().numpy()
+
+    def fingerprint(self) -> int:
+        """A number that is another one where pixels have other places."""
+        return crc32(self._places.cpu().numpy(), crc32(self.reach()))
 
 
 def learned_plates(dataset: Dataset, device) -> LearnedPlates | None:

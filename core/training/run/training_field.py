@@ -32,6 +32,7 @@ from ...field import (
 from ...geometry import TetMesh, tet_neighbours
 from ...render import Pose
 from .batch import Batch
+from .checkpoint import CheckpointError
 from .differentiable import Composite, Encode
 from .distributed import ALONE, Workers
 from .memory import within_memory
@@ -316,16 +317,30 @@ class TrainingField:
             "hidden": self.hidden,
             "part": self._turn,
             "generator": self._generator.get_state(),
+            "plates": self._places(),
         }
 
     @torch.no_grad()
     def load_state(self, state: dict):
-        """Go on from the state of a field with this mesh and options."""
+        """Go on from the state of a field with this mesh and options.
+
+        Raises:
+            CheckpointError: The masks were others, and so what is learned behind the object.
+        """
+        if state.get("plates", self._places()) != self._places():
+            raise CheckpointError(
+                "the masks have changed since the run was interrupted: put back those that were "
+                "there, or train without --resume"
+            )
         self.set_weights(state["parameters"])
         self.hidden.copy_(state["hidden"])
         self.set_occupancy(state["thickness"], state["occupied"])
         self._turn = state["part"]
         self._generator.set_state(state["generator"].cpu())
+
+    def _places(self) -> int:
+        """A number that says which pixels the plates are behind; 0 without plates."""
+        return 0 if self.plates is None else self.plates.fingerprint()
 
     def export(self, world_to_model, meta) -> TetField:
         """A copy of the field as it stands."""

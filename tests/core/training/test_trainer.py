@@ -13,7 +13,14 @@ from deformrf.core.definition.networks import is_occupied
 from deformrf.core.field import FieldOptions, modelfile
 from deformrf.core.geometry import a15_grid, face_components, tet_neighbours
 from deformrf.core.render import in_space, views_of_rows
-from deformrf.core.training import evaluate, load_checkpoint, preset, trainer
+from deformrf.core.training import (
+    UNTOLD,
+    CheckpointError,
+    evaluate,
+    load_checkpoint,
+    preset,
+    trainer,
+)
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.meant import Meant
 from deformrf.core.training.run.batch import Batch
@@ -312,6 +319,31 @@ def test_a_resumed_run_keeps_the_corner_orders_of_its_checkpoint(ball_data, monk
         resumed = load_checkpoint(path)
         second = trainer.train(ball_data[0], BRIEF, "cpu", "ball", path, resumed)
     np.testing.assert_array_equal(second.field.mesh.tets, first.field.mesh.tets)
+
+
+@pytest.mark.parametrize("change", ["more", "others", "told"])
+def test_a_run_is_not_resumed_with_other_masks(ball_data, monkeypatch, tmp_path, change):
+    """What is learned behind pixels that they leave untold belongs to these pixels."""
+    pixels, path = ball_data[0].pixels.copy(), tmp_path / "ball.checkpoint"
+    pixels[:4000:10, 3] = UNTOLD
+    options = replace(BRIEF, scene_radius=1.5)
+    rings = np.zeros(ball_data[0].view_count, int)
+    masked = replace(ball_data[0], pixels=pixels, masked=True, rings=rings)
+    with monkeypatch.context() as patch:
+        Interrupting(patch, 2)
+        trainer.train(masked, options, "cpu", "ball", path)
+    with monkeypatch.context() as patch:
+        Interrupting(patch, 2)
+        same = trainer.train(masked, options, "cpu", "ball", path, load_checkpoint(path))
+    assert same.interrupted
+    mended = pixels.copy()
+    if change != "more":
+        mended[:4000:10, 3] = 255
+    if change != "told":
+        mended[5:4005:10, 3] = UNTOLD
+    other = replace(masked, pixels=mended)
+    with pytest.raises(CheckpointError, match="the masks have changed since the run was inter"):
+        trainer.train(other, options, "cpu", "ball", path, load_checkpoint(path))
 
 
 def test_a_long_run_is_saved_from_time_to_time(ball_data, monkeypatch, tmp_path):
