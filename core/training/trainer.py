@@ -396,7 +396,8 @@ class _Run:
         )
         if trained.complete and self.surroundings and self.workers.is_first:
             try:
-                self._isolate(trained)
+                with self.workers.working_alone():
+                    self._isolate(trained)
             except (KeyboardInterrupt, ValueError, *ALLOCATION_ERRORS) as error:
                 reason = str(error) or type(error).__name__
                 self.progress.say(f"The model keeps all that the object touches: {reason}.")

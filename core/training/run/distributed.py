@@ -30,6 +30,7 @@ class Workers:
         self._device = torch.device(device)
         self._interrupted = False  # this worker
         self._all_stop = False  # any worker, when last heard of
+        self._is_alone = False  # nobody waits for this worker
 
     @property
     def is_first(self) -> bool:
@@ -118,8 +119,25 @@ class Workers:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
+    @contextmanager
+    def working_alone(self):
+        """Context in `stopping_together` in which no worker waits for this one: Ctrl-C ends it.
+
+        Only once: torchrun sends its workers a signal of its own, which must not end what follows.
+        """
+        if self._interrupted:  # since the workers last heard of one another
+            raise KeyboardInterrupt
+        self._is_alone = True
+        try:
+            yield
+        finally:
+            self._is_alone = False
+
     def _note(self, *_):
         self._interrupted = True
+        if self._is_alone:
+            self._is_alone = False
+            raise KeyboardInterrupt
 
     def stop_if_interrupted(self):
         """Raise KeyboardInterrupt in all workers if any was interrupted before the last `total`."""

@@ -1,7 +1,9 @@
 """Training: what it keeps, how it learns, and that an interrupted run leaves a model."""
 
+import signal
 import threading
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +26,7 @@ from deformrf.core.training import (
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.meant import Meant
 from deformrf.core.training.run.batch import Batch
+from deformrf.core.training.run.distributed import ALONE, Workers
 from deformrf.core.training.run.optimization import PAUSE_INTERVAL
 from deformrf.core.training.run.training_field import TrainingField
 from deformrf.core.training.train_options import PRESETS
@@ -54,13 +57,14 @@ def brief(ball_data):
     return trainer.train(ball_data[0], BRIEF, "cpu", "ball")
 
 
-def before_surroundings(ball_data, left_out=()):
+def before_surroundings(ball_data, left_out=(), workers=ALONE):
     """A short run on the ball's photographs without alpha; nothing is sought."""
     pixels = ball_data[0].pixels.copy()
     pixels[:, 3] = 255
     choices = {"leave_out": left_out, "scene_radius": 1.5, "surroundings": "learnt"}
     choices |= {"coarse_steps": 20, "fine_steps": 4, "samples_per_step": 2**10}
-    return trainer.train(replace(ball_data[0], pixels=pixels), replace(BRIEF, **choices), "cpu")
+    data, options = replace(ball_data[0], pixels=pixels), replace(BRIEF, **choices)
+    return trainer.train(data, options, "cpu", workers=workers)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), MemoryError(), ValueError("no flow")])
@@ -70,6 +74,24 @@ def test_a_cut_that_fails_leaves_the_model_whole(ball_data, monkeypatch, capsys,
 
     monkeypatch.setattr(trainer, "meant", meant)
     run = before_surroundings(ball_data)
+    assert run.complete and run.uncut is None and run.field.mesh.tet_count > 0
+    assert "The model keeps all that the object touches" in "".join(capsys.readouterr())
+
+
+class Awaited(Workers):
+    """A single worker whose signals wait as if others waited for it."""
+
+    @contextmanager
+    def stopping_together(self):
+        self.count = 2
+        with super().stopping_together():
+            self.count = 1
+            yield
+
+
+def test_ctrl_c_ends_the_cut_where_several_workers_have_trained(ball_data, monkeypatch, capsys):
+    monkeypatch.setattr(trainer, "meant", lambda *_: signal.raise_signal(signal.SIGINT))
+    run = before_surroundings(ball_data, workers=Awaited())
     assert run.complete and run.uncut is None and run.field.mesh.tet_count > 0
     assert "The model keeps all that the object touches" in "".join(capsys.readouterr())
 

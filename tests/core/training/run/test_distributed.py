@@ -58,6 +58,21 @@ def test_no_worker_of_several_stops_alone(number):
         signal.signal(number, before)
 
 
+def test_what_a_worker_does_alone_ends_at_the_first_signal():
+    """The second one is torchrun's; one that came shortly before counts, too."""
+    workers = Workers(0, 2)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with workers.stopping_together():
+            with pytest.raises(KeyboardInterrupt), workers.working_alone():
+                signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            with pytest.raises(KeyboardInterrupt), workers.working_alone():
+                pytest.fail("it was interrupted before")
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def make_run(dataset, device, workers, around=False):
     options = FieldOptions(level_count=3, table_size=2**10, march_step=0.02)
     surroundings = None
