@@ -71,8 +71,16 @@ def with_steps(options, steps: int):
 
 
 def resumed_run(arguments, path: Path):
-    """The checkpoint of an interrupted run, if no flag contradicts its options."""
+    """The checkpoint of an interrupted run, if no flag contradicts its options.
+
+    Only isolation can still be left out.
+    """
     resumed = training.load_checkpoint(path)
+    if "isolation" in arguments.leave_out:  # it comes after all that is trained
+        left_out = tuple(dict.fromkeys((*resumed.options.leave_out, "isolation")))
+        resumed = replace(resumed, options=replace(resumed.options, leave_out=left_out))
+        if {*arguments.leave_out} == {"isolation"}:
+            arguments = replace(arguments, leave_out=())
     if flag := contradiction(arguments, resumed.options):
         raise ValueError(
             f"--resume keeps the options of the interrupted run, from which {flag} differs: "

@@ -165,10 +165,9 @@ class _Run:
                 "view_count": self.dataset.view_count,
                 "image_size": list(max((lens.width, lens.height) for lens in lenses)),
                 "missing_images": len(self.dataset.missing),
-                "options": asdict(self.options),
                 "history": [],
             }
-        self.report["workers"] = self.workers.count
+        self.report |= {"options": asdict(self.options), "workers": self.workers.count}
         self.found, aabb = FoundBox.of_report(self.report), self.options.aabb
         self.box = self.found.box if self.found else object_box(self.world_to_model, aabb)
 

@@ -1,5 +1,7 @@
 """Interrupted runs: what --resume goes on with, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,26 @@ def test_the_order_of_what_is_left_out_is_no_difference(call, trainer, data, tmp
 
 
 @pytest.mark.parametrize(
+    "before, words",
+    [
+        ((), ("isolation",)),
+        (("distortion",), ("isolation",)),
+        (("distortion",), ("isolation", "distortion")),
+        (("isolation", "distortion"), ("isolation",)),
+    ],
+)
+def test_isolation_can_still_be_left_out(call, trainer, data, tmp_path, before, words):
+    """It comes after all that is trained."""
+    options = unfinished(tmp_path / "m.checkpoint", preset("tiny", leave_out=before))
+    flags = ("--device", "cpu", "--resume", "--leave-out", *words)
+    result = call(train.main, data, "-o", tmp_path / "m.npz", *flags)
+    assert result.code == 0, result.err
+    asked = trainer.calls[0][1]
+    assert {*asked.leave_out} == {*before, "isolation"}
+    assert replace(asked, leave_out=before) == options
+
+
+@pytest.mark.parametrize(
     "flags, run, sentence",
     [
         ([], None, "m.checkpoint to resume from"),
@@ -95,6 +117,7 @@ def test_the_order_of_what_is_left_out_is_no_difference(call, trainer, data, tmp
         (["--surroundings", "learnt"], {}, "drop --surroundings"),
         (["--no-view-dependence"], {}, "drop --no-view-dependence"),
         (["--leave-out", "distortion"], {}, "drop --leave-out"),
+        (["--leave-out", "distortion", "isolation"], {}, "drop --leave-out"),
         ([], {"view_count": 4}, "had 4 views, up to 16x12 pixels, these are 3, up"),
         ([], {"image_size": (8, 6)}, "had 3 views, up to 8x6 pixels, these are 3, up to 16x12"),
     ],
