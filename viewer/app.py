@@ -339,6 +339,8 @@ class App:
         mark(camera, clips, self.controls.tools["isolate"].marks)
         if self.scene.settings.show_photographed:
             mark(camera, clips, self.photographed.marks(camera))
+        else:
+            self.photographed.leave()
 
     def _record_view(self):
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""

@@ -1,6 +1,8 @@
 """The window's own loop, with panels: synthetic events in a window without a display."""
 
+import gc
 import time
+import weakref
 from types import SimpleNamespace
 
 import av
@@ -479,6 +481,12 @@ def test_what_no_photograph_saw_is_marked_if_the_model_says_where_they_were_take
     bare.actions.call("toggle_photographed")
     frames(bare, 1)
     assert bare.photographed.busy and "%" in bare.photographed.told
+    renderer = weakref.ref(bare.photographed._work.gi_frame.f_locals["renderer"])
+    bare.actions.call("toggle_photographed")  # halfway off again
+    frames(bare, 1)
+    gc.collect()
+    assert renderer() is None and not bare.photographed.busy
+    bare.actions.call("toggle_photographed")
     for _ in range(200):
         frames(bare, 1)
         if not bare.photographed.busy:

@@ -85,6 +85,11 @@ class Photographed:
             if self.progress is None:
                 self._work = None
 
+    def leave(self) -> None:
+        """Give up what is being found out, with its renderer: `work` begins anew."""
+        if self.busy:
+            self._revision = self._work = None
+
     @property
     def busy(self) -> bool:
         return self._work is not None

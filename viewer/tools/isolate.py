@@ -11,6 +11,7 @@ Shapes: T tets, N occupied sub-tets, n of them that are marked.
 import time
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from threading import Thread
 
 import numpy as np
@@ -185,33 +186,35 @@ class Isolate(Tool):
             self.forget()
         if not self._is_in_hand or self.busy:
             return
-        if self._answered is None or self._answered[1] is not self.strokes:
-            self._asked, self._since = (revision, self.strokes), time.monotonic()
-            field = replace(self.scene.field, occupancy=self.scene.cuts.left)
-            self._work = in_thread(lambda: self._find(field, *self._asked))
-
-    def _find(self, field, revision, strokes):
-        """What strokes single out of a field; called in the thread."""
+        # The thread holds neither tool nor scene: another model may be shown before it ends.
         if self._isolation_of != revision:
-            self._isolation, self._isolation_of = fields.isolation_of(field), revision
-        if strokes:
-            return fields.isolated(self._isolation, strokes)
-        return fields.without_flats(self._isolation)
+            field = replace(self.scene.field, occupancy=self.scene.cuts.left)
+            self._begin(partial(fields.isolation_of, field))
+        elif self._answered is None or self._answered[1] is not self.strokes:
+            self._begin(partial(singled_out, self._isolation, self.strokes))
+
+    def _begin(self, work):
+        """Have something worked out of what is there now."""
+        self._asked, self._since = (self.scene.cuts.revision, self.strokes), time.monotonic()
+        self._work = in_thread(work)
 
     def _take(self, work, revision, strokes):
         """Show what the thread has found, or say why it could not."""
         error = work.exception()
         if error is None:
+            result = work.result()
+            if isinstance(result, fields.Isolation):
+                self._isolation, self._isolation_of = result, revision
+                return
             if revision != self.scene.cuts.revision or strokes is not self.strokes:
                 return  # something else is to be found out by now
-            result = work.result()
             self._result = result if strokes or result.left_out else None
             self._answered = revision, strokes
             self.view.log("isolated", strokes=len(strokes), flats=len(result.left_out))
         elif isinstance(error, ValueError) and strokes:  # the last one names nothing
             self.strokes = tuple(one for one in self.strokes if one is not strokes[-1])
             self.view.say(str(error))
-        elif error is not None:
+        else:
             self.view.say(NEEDS_SCIPY if getattr(error, "name", "") == "scipy" else str(error))
             self.scene.settings.tool = "grab"
 
@@ -229,6 +232,11 @@ class Isolate(Tool):
         """Where the matter nearest to a point is at rest.  [3]"""
         now, rest = self._places
         return rest[((now - point) ** 2).sum(axis=1).argmin()].astype(float)
+
+
+def singled_out(isolation: fields.Isolation, strokes) -> fields.Isolated:
+    """What strokes mean; without any, what is left without flat parts that go on beyond it."""
+    return fields.isolated(isolation, strokes) if strokes else fields.without_flats(isolation)
 
 
 def in_thread(work) -> Future:

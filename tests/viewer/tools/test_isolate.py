@@ -1,6 +1,8 @@
 """Isolate: a click, strokes, a preview in two colors, and one deletion that can be undone."""
 
+import gc
 import time
+import weakref
 from dataclasses import replace
 from threading import Event
 
@@ -178,6 +180,25 @@ def test_the_window_goes_on_while_a_thread_looks(controls, scene, said, monkeypa
     may_go_on.set()
     places, ours = marked(controls)
     np.testing.assert_array_equal(ours, places[:, 0] < 0.5)
+
+
+def test_the_thread_keeps_no_model_of_before_alive(hand, halves, monkeypatch):
+    """Another one may be shown while it works."""
+    may_go_on, real = Event(), isolating.fields.isolation_of
+    monkeypatch.setattr(
+        isolating.fields, "isolation_of", lambda field: may_go_on.wait(60.0) and real(field)
+    )
+    scene = Scene(halves, "halves", "cpu")
+    scene.settings.tool = "isolate"
+    controls = hand(scene)
+    assert controls.tool.marks is None and controls.tool.busy
+    known = weakref.ref(scene), weakref.ref(controls.tool)
+    del scene, controls
+    gc.collect()
+    try:
+        assert [one() for one in known] == [None, None]
+    finally:
+        may_go_on.set()
 
 
 def test_what_the_thread_cannot_do_is_said_and_puts_the_tool_away(
