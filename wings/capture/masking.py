@@ -168,7 +168,7 @@ def run_program(words, seconds: float, stop: threading.Event):
                 process.wait(POLL_SECONDS)
     finally:
         end(process)
-        reader.join(5 * POLL_SECONDS)  # longer only if something that it has started lives on
+        reader.join(5 * POLL_SECONDS)  # longer only if something that left its group lives on
     if process.returncode:
         code = process.returncode
         how = f"failed with exit code {code}" if code > 0 else f"was ended by signal {-code}"
@@ -186,14 +186,13 @@ def keep_end(stream, said: bytearray):
 
 
 def end(process: subprocess.Popen):
-    """End a process that has not ended yet, with all that it has started where that is known."""
-    if process.poll() is None:
-        with suppress(ProcessLookupError):
-            if os.name == "posix":
-                os.killpg(process.pid, signal.SIGKILL)
-            else:
-                process.kill()
-        process.wait()
+    """End a process, and all that it has started where that is known, though it may have ended."""
+    with suppress(ProcessLookupError, PermissionError):  # macOS says the latter of who has ended
+        if os.name == "posix":
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+    process.wait()
 
 
 def read_made(path: Path, size) -> np.ndarray:

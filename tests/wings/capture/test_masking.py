@@ -217,9 +217,9 @@ if source[-5] == '2':
     import subprocess
     child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])
     pathlib.Path(sys.argv[1], 'child').write_text(str(child.pid))
-    time.sleep(600)
 """
 )
+WAITS = "    time.sleep(600)\n"
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals of POSIX")
@@ -227,7 +227,7 @@ def test_ctrl_c_ends_the_program_and_the_next_run_goes_on(script, begun, tmp_pat
     """With all that the program has started; masks that are done are kept."""
     started = tmp_path / "started"
     started.mkdir()
-    words, main = script(STARTS + RIGHT["gray"], started), threading.main_thread().ident
+    words, main = script(STARTS + WAITS + RIGHT["gray"], started), threading.main_thread().ident
 
     def press():
         while not (started / "child").exists() or not (started / "child").read_text():
@@ -249,6 +249,14 @@ def test_ctrl_c_ends_the_program_and_the_next_run_goes_on(script, begun, tmp_pat
     Path(words[1]).write_text(READS + RIGHT["gray"])
     masking.make_mattes(found, words, quietly)
     assert all(found.matte(number, made=True) is not None for number in range(4))
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_nothing_that_the_program_has_started_outlives_it(script, begun, tmp_path):
+    made(begun, script(STARTS + RIGHT["gray"], tmp_path))
+    began, child = time.monotonic(), int((tmp_path / "child").read_text())
+    while is_running(child):
+        assert time.monotonic() - began < 60.0
 
 
 def is_running(process: int) -> bool:
