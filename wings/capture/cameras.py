@@ -1,7 +1,8 @@
 """From a folder of photographs to transforms.json and points.npz beside them.
 
-The world that they are in: +z is the mean up direction of the cameras, the origin is the point
-that they look at (the points' median, if they all look the same way), and the median camera is
+The world that they are in: +z is up, the direction across the rows of all images (the cameras'
+mean up direction, where the rows don't tell; directions.py), the origin is the point that the
+cameras look at (the points' median, if they all look the same way), and the median camera is
 DISTANCE away from it.
 """
 
@@ -25,6 +26,7 @@ from ...core.training import (
     upright,
 )
 from .agreement import Agreement, agreement
+from .directions import up_of
 from .features import find_features
 from .library import load_pycolmap
 from .mapping import ENOUGH, Mapped, connected, map_photos
@@ -262,7 +264,7 @@ def check_mapped(folder, work, mapped: Mapped | None, rings=()):
 
 def placed(mapped: Mapped) -> Mapped:
     """The same in the world that this module's docstring describes."""
-    turn = upright(mapped.poses[:, :3, 1].mean(axis=0))
+    turn = upright(up_of(mapped.poses))
     poses = mapped.poses.copy()
     poses[:, :3] = turn @ poses[:, :3]
     points = mapped.points.points @ turn.T

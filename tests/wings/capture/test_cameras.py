@@ -17,7 +17,7 @@ from deformrf.commands import capturing, train
 from deformrf.commands.running import INTERRUPTED
 from deformrf.core.field import modelfile
 from deformrf.core.render import Lens, has_rays
-from deformrf.core.training import load_dataset, load_points
+from deformrf.core.training import SparsePoints, load_dataset, load_points
 from deformrf.wings import capture
 from deformrf.wings.capture import (
     CaptureError,
@@ -74,6 +74,22 @@ def test_the_cameras_of_photographs_are_recovered(photos, poses, tmp_path):
     neighbor = views.image(views.names.index("002"))[..., :3].astype(int)
     assert abs(third[:40].mean() - neighbor[:40].mean()) < 20
     check_points(views, load_points(photos))
+
+
+def test_up_is_up_though_all_cameras_look_down_from_one_side():
+    """Their mean up direction leans."""
+    poses, count = circle(12, end=0.5 * np.pi), np.ones(12)
+    points = SparsePoints(
+        *(np.zeros((1, 3), kind) for kind in (np.float32, np.uint8)),
+        *(np.zeros(1, kind) for kind in (np.int32, np.float32)),
+    )
+    turn = np.linalg.qr(np.random.default_rng().normal(size=(3, 3)))[0]
+    poses[:, :3] = turn * np.linalg.det(turn) @ poses[:, :3]
+    mapped = mapping.Mapped(
+        np.arange(12), poses, np.ones((12, 7)), points, count, count, 0.5, groups=()
+    )
+    rotations = cameras.placed(mapped).poses[:, :3, :3]
+    assert abs(rotations[:, 2, 0]).max() < 1e-9 and (rotations[:, 2, 1] > 0.5).all()
 
 
 def check_points(views, points):
