@@ -99,6 +99,18 @@ def test_what_stands_on_a_table_is_found_upright_in_any_world(turned):
     assert to_model([[0, 0, 0]])[0, 2] == pytest.approx(0.0, abs=0.02)
 
 
+def test_a_mat_with_much_texture_does_not_tilt_the_table():
+    rng = np.random.default_rng()
+    table = np.column_stack([rng.uniform(-1.5, 1.5, (500, 2)), np.zeros(500)])
+    mat = np.column_stack([rng.uniform([0.1, -0.3], [0.7, 0.3], (2500, 2)), np.full(2500, 0.06)])
+    points = np.concatenate([table, mat, cylinder(rng, 1500, [0, 0, 0], 0.25, 1.0)])
+    points += rng.normal(size=points.shape) * 0.005
+    poses = cameras(rng, np.array([0, 0, 0.4]))
+    found = find_object(points, poses, [LENS] * len(poses))
+    assert np.degrees(np.arccos(found.turn[2, 2])) < 1.0
+    assert found.box[0, 2] == pytest.approx(0.0, abs=0.02)
+
+
 def test_arms_that_are_spread_are_no_table():
     """They lie in a plane with a head on it, but the body is below it, where a table hides all."""
     rng = np.random.default_rng()
