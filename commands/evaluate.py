@@ -59,6 +59,8 @@ def main() -> int:
 def prepare(arguments: EvaluateArguments):
     """Check the arguments and read images and model; returns the work."""
     check_numbers(arguments)
+    if arguments.lpips_weights:
+        require("torch", "lpips", "torchvision")
     field = fields.load(arguments.model)
     dataset = load_views(
         arguments.data,
@@ -72,7 +74,6 @@ def prepare(arguments: EvaluateArguments):
     device = device_name(arguments.device)
     lpips = None
     if arguments.lpips_weights:
-        require("torch", "lpips", "torchvision")
         lpips = training.Lpips(arguments.lpips_weights, device)
     if field.surroundings is not None:
         require("torch")
