@@ -27,9 +27,17 @@ import numpy as np
 from deformrf.commands.train_choices import with_steps
 from deformrf.core.base.device import start_warp
 from deformrf.core.field import modelfile
-from deformrf.core.training import Lpips, evaluate, find_sector, load_dataset, preset, train
-from deformrf.core.training.data.layouts import list_images
-from deformrf.core.training.data.sector import SECTOR, name_of
+from deformrf.core.training import (
+    SECTOR,
+    Lpips,
+    evaluate,
+    find_sector,
+    list_images,
+    load_dataset,
+    preset,
+    train,
+)
+from deformrf.core.training.data.sector import name_of
 
 DECIBELS = {"format": ".2f"}
 COLUMNS = [
@@ -64,6 +72,8 @@ def trained_without(held, data, arguments):
         options = with_steps(options, arguments.steps)
     views = load_dataset(data, "train", arguments.image_size, sector=held)
     trained = train(views, options, arguments.device)
+    if trained.diverged:
+        raise SystemExit(f"{data}: {trained.diverged}")
     if not trained.complete:
         raise KeyboardInterrupt
     with tempfile.TemporaryDirectory() as folder:
