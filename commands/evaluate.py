@@ -34,8 +34,8 @@ class EvaluateArguments:
     lpips_weights: File = None
     """Weights of VGG-16 for LPIPS: torchvision's vgg16-397923af.pth, a folder that holds it, or
     one file of the package lpips. None come with this program."""
-    split: Literal["train", "val", "test"] = "test"
-    """Which views of the data set."""
+    split: Literal["train", "val", "test", "sector"] = "test"
+    """Which views of the data set; sector: those that deformrf train --hold-out sector left out."""
     views: Count = None
     """Score that many views, spread evenly, instead of all."""
     image_size: Count = None
@@ -59,20 +59,22 @@ def main() -> int:
 def prepare(arguments: EvaluateArguments):
     """Check the arguments and read images and model; returns the work."""
     check_numbers(arguments)
+    if arguments.lpips_weights:
+        require("torch", "lpips", "torchvision")
+    field = fields.load(arguments.model)
     dataset = load_views(
         arguments.data,
         arguments.split,
         arguments.image_size,
         arguments.views,
         outside=arguments.outside_images,
+        sector=sector_of(field, arguments),
     )
     check_places(arguments, dataset)
     device = device_name(arguments.device)
     lpips = None
     if arguments.lpips_weights:
-        require("torch", "lpips", "torchvision")
         lpips = training.Lpips(arguments.lpips_weights, device)
-    field = fields.load(arguments.model)
     if field.surroundings is not None:
         require("torch")
 
@@ -97,6 +99,19 @@ def prepare(arguments: EvaluateArguments):
         return tell(report, arguments.output)
 
     return job
+
+
+def sector_of(field, arguments: EvaluateArguments):
+    """The sector that the model's training held out, if its views are asked for, else None."""
+    if arguments.split != training.SECTOR:
+        return None
+    sector = training.Sector.of_report(field.meta)
+    if sector is None:
+        raise ValueError(
+            f"the training of {arguments.model} held no sector out: train with --hold-out sector, "
+            f"then --split sector scores what it left out"
+        )
+    return sector
 
 
 def check_numbers(arguments: EvaluateArguments) -> None:
@@ -144,7 +159,10 @@ def print_report(report):
         "alpha_error": ("alpha error", "{:.4f}"),
         "psnr_one_ray": ("one ray (dB)", "{:.2f}"),
         "seconds": ("seconds", "{:.3f}"),
+        "angle": ("nearest (°)", "{:.1f}"),
     }
+    if report["angles"] is None:
+        del columns["angle"]
     if report["mean"]["lpips"] is None:
         del columns["lpips"]
     if report["samples"] == 1:
@@ -171,9 +189,29 @@ def print_report(report):
     if report["samples"] > 1:
         rays = f"Scored with {report['samples']} rays a pixel; seconds are of an image with one."
         console.print(rays, soft_wrap=True)
+    for line in angle_lines(report):
+        console.print(line, soft_wrap=True)
     if report["mean"]["lpips"] is None:
         console.print("LPIPS: not computed; --lpips-weights names its weights.")
     console.print(model_line(facts), soft_wrap=True)
+
+
+def angle_lines(report) -> list[str]:
+    """How far the views are from those of the training, and what that means for their scores."""
+    lines = []
+    if angles := report["angles"]:
+        lines.append(
+            f"Angle to the nearest training view: {angles['median']:.1f}° (median), at most "
+            f"{angles['largest']:.1f}°."
+        )
+    parts = report.get("sector", {})
+    if all(part["mean"]["psnr"] is not None for part in parts.values()) and parts:
+        inside, outside = parts["inside"], parts["outside"]
+        lines.append(
+            f"{inside['view_count']} of the views lie in the sector that training held out: "
+            f"{inside['mean']['psnr']:.2f} dB there, {outside['mean']['psnr']:.2f} dB elsewhere."
+        )
+    return lines
 
 
 def model_line(facts) -> str:

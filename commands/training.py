@@ -112,6 +112,10 @@ class TrainArguments:
     """Instead of --masks: a program that makes masks where cameras are found, such as "rembg i". It
     runs once for each photograph, without a shell, reads the image {in} and writes {out}, which
     come last if no word has them. What it gets wrong is mended by votes of all photographs."""
+    hold_out: Literal["sector"] | None = None
+    """sector: don't train on the photographs of 60° around the object. Their scores tell how the
+    model looks from a side that it never saw; test images lie between others. deformrf eval --split
+    sector scores them again."""
     check: bool = False
     """Don't train: find the cameras of photographs, and write a page about them, NAME-check.png
     beside NAME.npz."""
@@ -125,7 +129,14 @@ class TrainArguments:
     when the window is closed."""
 
     GROUPS = {  # noqa: RUF012
-        "The photographs": ("image_size", "masks", "mask_with", "outside_images", "check"),
+        "The photographs": (
+            "image_size",
+            "masks",
+            "mask_with",
+            "hold_out",
+            "outside_images",
+            "check",
+        ),
         "The object": (
             "aabb",
             "scene_radius",
@@ -194,9 +205,10 @@ def prepare_training(
     arguments = with_cameras(arguments, output, begun)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
-    train_views = load_train_views(arguments, options, resumed)
+    sector = held_out(arguments, resumed)
+    train_views = load_train_views(arguments, options, resumed, sector)
     options = options if resumed else for_views(options, arguments, train_views)
-    test_views = load_test_views(arguments)
+    scored_views = load_scored_views(arguments, sector)
     with interrupts_waiting():  # what an exception ends halfway can't be imported again
         import torch  # noqa: F401
     device = device_name(arguments.device, for_training=True)
@@ -226,7 +238,7 @@ def prepare_training(
         if existed and not trained.complete:  # an unfinished model never replaces a finished one
             path = output.with_stem(output.stem + "-interrupted")
         try:
-            scores = save(trained, path, arguments, test_views, device)
+            scores = save(trained, path, arguments, scored_views, device)
         except OSError as error:
             second = second_place(trained, path, arguments)
             kept = checkpoint_path if trained.resumable else None
@@ -264,7 +276,7 @@ def check_checkpoint(path: Path) -> None:
         )
 
 
-def ended(trained, scores: dict | None, checkpoint_path: Path) -> int:
+def ended(trained, scores: dict, checkpoint_path: Path) -> int:
     """Say how a run ended whose model is written, and what goes on; returns the exit code."""
     if trained.diverged:
         complain(PROGRAM, trained.diverged)
@@ -275,13 +287,32 @@ def ended(trained, scores: dict | None, checkpoint_path: Path) -> int:
         print("Continue with the same command and --resume.")
     if trained.complete:
         checkpoint_path.unlink(missing_ok=True)
-    if scores and "not_written" in scores:
-        return complain(PROGRAM, f"can't add the scores to {scores['not_written']}")
-    all_done = trained.complete and (scores is None or scores["complete"])
+    for report in scores.values():
+        if "not_written" in report:
+            return complain(PROGRAM, f"can't add the scores to {report['not_written']}")
+    all_done = trained.complete and all(report["complete"] for report in scores.values())
     return 0 if all_done else INTERRUPTED
 
 
-def load_train_views(arguments: TrainArguments, options, resumed):
+def held_out(arguments: TrainArguments, resumed):
+    """The sector that this run holds out, which is said; None without one.
+
+    A run that goes on keeps what it held out.
+    """
+    if resumed:
+        sector = training.Sector.of_report(resumed.report)
+        if arguments.hold_out and not sector:
+            raise ValueError("--resume keeps what the interrupted run trained on: drop --hold-out")
+    elif arguments.hold_out:
+        sector = training.find_sector(arguments.data, arguments.outside_images)
+    else:
+        sector = None
+    if sector and is_first():
+        print(f"Held out: {sector.told()}.", file=sys.stderr)
+    return sector
+
+
+def load_train_views(arguments: TrainArguments, options, resumed, sector):
     """The views to train on; a ValueError if they have no box, or are not those of the run."""
     views = load_views(
         arguments.data,
@@ -290,6 +321,7 @@ def load_train_views(arguments: TrainArguments, options, resumed):
         for_training=True,
         outside=arguments.outside_images,
         masks=arguments.masks,
+        sector=sector,
     )
     if resumed:
         check_resumed_views(resumed.report, views)
@@ -297,25 +329,31 @@ def load_train_views(arguments: TrainArguments, options, resumed):
     return views
 
 
-def load_test_views(arguments: TrainArguments):
-    """The views that score the model; None without a split for them, or without its images."""
-    try:
-        views = load_views(
-            arguments.data,
-            "test",
-            arguments.image_size,
-            outside=arguments.outside_images,
-            masks=arguments.masks,
-        )
-    except training.NoSplitError:
-        return None
-    except training.NoImagesError as error:
-        if is_first():
-            print(f"The model will not be scored: {error}", file=sys.stderr)
-        return None
-    for lens in views.lenses:
-        training.check_size(lens.height, lens.width)
-    return views
+def load_scored_views(arguments: TrainArguments, sector) -> dict:
+    """The views that score the model, by split: those held out, and the data's own for tests.
+
+    Those for tests are left out if the data set names none, or none of their images is there.
+    """
+    splits, found = [training.SECTOR] * bool(sector) + ["test"], {}
+    for split in splits:
+        try:
+            found[split] = load_views(
+                arguments.data,
+                split,
+                arguments.image_size,
+                outside=arguments.outside_images,
+                masks=arguments.masks,
+                sector=sector,
+            )
+        except training.NoSplitError:
+            continue
+        except training.NoImagesError as error:
+            if is_first():
+                print(f"The model will not be scored: {error}", file=sys.stderr)
+            continue
+        for lens in found[split].lenses:
+            training.check_size(lens.height, lens.width)
+    return found
 
 
 def announce(arguments: TrainArguments, device: str, checkpoint_path: Path):
@@ -330,30 +368,40 @@ def announce(arguments: TrainArguments, device: str, checkpoint_path: Path):
         )
 
 
-def save(trained, path: Path, arguments: TrainArguments, test_views, device) -> dict | None:
+def save(trained, path: Path, arguments: TrainArguments, scored_views: dict, device) -> dict:
     """Write the model; if it is complete, score it and write it again with its scores.
 
     The first writing keeps the model if the evaluation is interrupted; an OSError says that it
-    failed.  Returns the report of the evaluation, None without one.
+    failed.  Returns the reports of the evaluation, by split, without those that Ctrl-C left out.
     """
     kept = model_of(trained, arguments)
     fields.save(kept, path, entry_bits=arguments.entry_bits)
-    if not trained.complete or not test_views:
-        return None
-    # The file's rounded field is scored, in front of the surroundings of the photographs.  Views
-    # without alpha show what the object stands on, too, which only the whole field has.
-    scored = replace(fields.load(path), surroundings=trained.field.surroundings)
-    if trained.whole is not None and not test_views.has_alpha:
-        scored = trained.whole
-    elif test_views.has_alpha and trained.report.get("object_box"):
-        scored = replace(scored, surroundings=None)
-    report = training.evaluate(scored, test_views, None, device, model_path=path, samples=1)
-    scores = {"test_view_count": len(report["views"]), "test_mean": report["mean"]}
-    try:
-        fields.save(kept, path, scores, arguments.entry_bits)
-    except OSError as error:
-        report["not_written"] = f"{path}: {error.strerror or error}"
-    return report
+    reports = {}
+    for split, views in scored_views.items() if trained.complete else ():
+        scored = scored_field(trained, path, views)
+        report = training.evaluate(scored, views, None, device, model_path=path, samples=1)
+        reports[split] = report
+        if not report["complete"]:
+            break
+    if reports:
+        try:
+            fields.save(kept, path, training.scores_of(reports), arguments.entry_bits)
+        except OSError as error:
+            report["not_written"] = f"{path}: {error.strerror or error}"
+    return reports
+
+
+def scored_field(trained, path: Path, views):
+    """The field that these views score.
+
+    It is the file's rounded one, in front of the surroundings of the photographs.  Views without
+    alpha show what the object stands on, too, which only the whole field has.
+    """
+    if trained.whole is not None and not views.has_alpha:
+        return trained.whole
+    without = views.has_alpha and trained.report.get("object_box")
+    surroundings = None if without else trained.field.surroundings
+    return replace(fields.load(path), surroundings=surroundings)
 
 
 def model_of(trained, arguments: TrainArguments):
@@ -427,15 +475,40 @@ def lost(error: OSError, path: Path, second: Path | None, checkpoint_path: Path 
     return "; ".join(said)
 
 
-def summary(trained, path: Path, scores: dict | None) -> str:
+def score_line(scores: dict) -> str:
+    """The mean scores of views, as text; "" if they are unknown."""
+    mean = scores["mean"]
+    if not scores.get("complete", True) or mean["psnr"] is None:
+        return ""
+    return f"{mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f}"
+
+
+def angle_line(scores: dict) -> str:
+    """How far views are from those of the training, to follow a text about them."""
+    if (angles := scores["angles"]) is None:
+        return ""
+    return (
+        f", {angles['median']:.1f}° from the nearest training view (median; at most "
+        f"{angles['largest']:.1f}°)"
+    )
+
+
+def summary(trained, path: Path, scores: dict) -> str:
     """The written file and the model's figures, as text."""
     begun = "Wrote" if trained.complete else "Stopped early; wrote the unfinished model"
     size, minutes = path.stat().st_size / 1e6, trained.report["seconds"] / 60
     text = f"{begun}: {path}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
     text += f", {minutes:.1f} minutes of training"
-    if scores and scores["complete"] and scores["mean"]["psnr"] is not None:
-        mean = scores["mean"]
-        text += f", {mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f} on the test views"
+    test, sector = scores.get("test"), scores.get(training.SECTOR)
+    if told := test and score_line(test):
+        text += f", {told} on the test views"
+    if told := sector and score_line(sector):
+        text += (
+            f"\nHeld-out sector: {told} on its {sector['view_count']} views{angle_line(sector)}."
+        )
+    other = test and test.get("sector", {}).get("outside")
+    if told := other and score_line(other):
+        text += f"\nTest views elsewhere: {told} on {other['view_count']}{angle_line(other)}."
     if spread := trained.report.get("exposure_spread"):
         left = trained.report.get("exposure_left")
         look = "colors follow them" if left else "the model has the mean one"

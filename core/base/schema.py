@@ -83,6 +83,11 @@ def vector(count: int, good: Check) -> Check:
     return row(*[good] * count)
 
 
+def by_name(good: Check) -> Check:
+    """An object with any keys, whose values are good."""
+    return lambda value: isinstance(value, dict) and all(map(good, value.values()))
+
+
 def mapping(checks: dict[str, Check]) -> Check:
     """An object with these keys and no others."""
     return lambda value: (

@@ -19,12 +19,15 @@ from ..base.paths import program_version, whole_file
 from ..base.schema import (
     FileError,
     array,
+    by_name,
     check,
     declared,
     flag,
     integer,
     listing,
+    mapping,
     number,
+    optional,
     text,
     vector,
 )
@@ -71,6 +74,8 @@ HISTORY_KEYS = ("seconds", "stage", "step", "psnr")
 WHOLE_OF = "whole_of"
 SHOWN = "data", "device", "diverged", "attribution"  # in windows and terminals
 FINITE = number(-(2.0**63), 2.0**63)
+ANGLES = optional(mapping({"median": FINITE, "largest": FINITE}))
+SCORES = mapping({"view_count": integer(), "mean": by_name(optional(FINITE)), "angles": ANGLES})
 TRAINING = {  # what is known of a training: whether a value of the file is one
     **dict.fromkeys((*SHOWN, WHOLE_OF), text()),
     **dict.fromkeys(("interrupted", "object_stands"), flag),
@@ -81,7 +86,9 @@ TRAINING = {  # what is known of a training: whether a value of the file is one
     **dict.fromkeys(("image_size", "peak_memory_bytes", "levels_below_pixel"), listing(FINITE)),
     "views": listing(vector(16, FINITE)),
     **dict.fromkeys(("object_box", "history"), lambda value: isinstance(value, list)),
-    **dict.fromkeys(("options", "test_mean"), lambda value: isinstance(value, dict)),
+    **dict.fromkeys(("options", "test_mean", "sector"), lambda value: isinstance(value, dict)),
+    "test_angles": ANGLES,
+    "sector_scores": by_name(SCORES),
 }
 
 

@@ -19,6 +19,7 @@ from .data.datasets import (
     white_composite as white_composite,
 )
 from .data.found_object import find_object as find_object
+from .data.sector import SECTOR as SECTOR, Sector as Sector, find_sector as find_sector
 from .data.views import focus as focus
 from .data.scene_box import (
     learns_surroundings as learns_surroundings,
@@ -28,6 +29,7 @@ from .evaluation import (
     check_replaceable as check_replaceable,
     lacks_surroundings as lacks_surroundings,
     output_paths as output_paths,
+    scores_of as scores_of,
     write_report as write_report,
 )
 from .lpips import LPIPS_SIZE_MIN as LPIPS_SIZE_MIN
@@ -64,4 +66,11 @@ from .data.sharpness import (
     sharpness_of as sharpness_of,
     sharpness_weights as sharpness_weights,
 )
-from .data.views import nearest_to_axes as nearest_to_axes, upright as upright
+from .data.views import (
+    STEEP as STEEP,
+    angles_to_nearest as angles_to_nearest,
+    directions_from as directions_from,
+    nearest_to_axes as nearest_to_axes,
+    up_of as up_of,
+    upright as upright,
+)

@@ -4,6 +4,9 @@ Render and truth are composited over white.  A pixel of a photograph is a mean o
 area, and so is a pixel of a scored render, as in the viewer at rest.  A second score is that of an
 image with one ray a pixel, as in the viewer while things move.  The time in seconds is that of one
 such image and its copy to the host, without the first compilation of the kernels.
+
+Beside each view's scores stands its angle to the nearest training view, seen from the point that
+the training views look at: scores fall with it.
 """
 
 import json
@@ -25,11 +28,14 @@ from ..field import TetField, bytes_of_file, occupied_share
 from ..render import Camera, Renderer, RenderOptions, camera_rays, in_space, spread
 from .data.datasets import Dataset, track, white_composite
 from .data.scene_box import learns_surroundings
+from .data.sector import SECTOR
 from .metrics import check_size, psnr, ssim
+from .nearness import Nearness, median_and_largest
 
 REPORT = "report.json"
 REPORT_KEYS = {"model", "split", "mean", "views"}
-FIGURES = ("psnr", "ssim", "lpips", "alpha_error", "psnr_one_ray", "seconds")  # of a view
+# Of a view.
+FIGURES = ("psnr", "ssim", "lpips", "alpha_error", "psnr_one_ray", "seconds", "angle")
 SURROUNDINGS_RAYS = 1 << 14  # at once: 64 samples each
 WAITING_VIEWS = 32  # at most, rendered and not scored yet: images would fill the memory
 DIFFERENCE_GAIN = 4.0  # errors of a few percent have to be visible
@@ -80,7 +86,7 @@ def evaluate(
         "step_factor": options.step_factor,
         "samples": samples,
     }
-    scoring = Scoring(dataset, paths, lpips, facts)
+    scoring = Scoring(dataset, Nearness.of(field, dataset), paths, lpips, facts)
     renderer, around = Renderer(field, device=device), surroundings_of(field, device)
     poses = in_space(dataset.poses, field.world_to_model)
     views = [Camera(pose, lens) for pose, lens in zip(poses, dataset.lenses, strict=True)]
@@ -108,13 +114,17 @@ class Scoring:
     """The scores of views, and the files that they are written to.
 
     Attributes:
+        nearness: Of the views to those of the training.
         paths: As `output_paths` gives them; None writes no files.
         facts: The first entries of the report.
         failures: Files that couldn't be written, with the reasons.
     """
 
-    def __init__(self, dataset: Dataset, paths: list[Path] | None, lpips, facts: dict):
-        self.dataset, self.paths, self.lpips, self.facts = dataset, paths, lpips, facts
+    def __init__(
+        self, dataset: Dataset, nearness: Nearness, paths: list[Path] | None, lpips, facts: dict
+    ):
+        self.dataset, self.nearness = dataset, nearness
+        self.paths, self.lpips, self.facts = paths, lpips, facts
         self.failures: list[str] = []
         self._has_alpha = dataset.has_alpha
 
@@ -126,15 +136,21 @@ class Scoring:
             self._write(self.paths[1 + index], lambda partial: picture.save(partial, "PNG"))
         scores = score_view(rendered, truth, self._has_alpha, self.lpips)
         scores["psnr_one_ray"] = psnr_of(one_ray, truth)
-        return {"name": self.dataset.names[index], **scores, "seconds": seconds}
+        scores |= {"seconds": seconds, **self.nearness.of_view(index)}
+        return {"name": self.dataset.names[index], **scores}
 
     def report(self, rows: list[dict]) -> dict:
         """The report of these views; writes it."""
         report = self.facts | {
             "complete": len(rows) == self.dataset.view_count,
-            "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
+            **summary(rows),
             "views": rows,
         }
+        if self.nearness.inside is not None:
+            report["sector"] = {
+                word: summary([row for row in rows if row["in_sector"] == inside])
+                for word, inside in (("inside", True), ("outside", False))
+            }
         if self.paths:
             text = as_json(report)
             self._write(self.paths[0], lambda partial: partial.write_text(text, encoding="utf-8"))
@@ -146,6 +162,29 @@ class Scoring:
                 save(partial)
         except OSError as error:
             self.failures.append(f"{path}: {error.strerror or error}")
+
+
+def summary(rows: list[dict]) -> dict:
+    """What a report says of several views together."""
+    return {
+        "view_count": len(rows),
+        "mean": {name: mean([row[name] for row in rows]) for name in FIGURES},
+        "angles": median_and_largest([row["angle"] for row in rows]),
+    }
+
+
+def scores_of(reports: dict[str, dict]) -> dict[str, Any]:
+    """What a model's file keeps of its evaluations, by split: docs/model-format.md has the keys."""
+    scores, keys = {}, ("view_count", "mean", "angles")
+    if test := reports.get("test"):
+        scores = {f"test_{key}": test[key] for key in keys}
+    if sector := reports.get(SECTOR):
+        parts = {"held_out": sector}
+        parts |= {f"test_{word}": part for word, part in (test or {}).get("sector", {}).items()}
+        scores["sector_scores"] = {
+            word: {key: part[key] for key in keys} for word, part in parts.items()
+        }
+    return scores
 
 
 def score_views(views, render, scoring: Scoring, waiting: int) -> list[dict]:

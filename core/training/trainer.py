@@ -167,6 +167,8 @@ class _Run:
                 "missing_images": len(self.dataset.missing),
                 "history": [],
             }
+            if self.dataset.sector is not None:
+                self.report |= self.dataset.sector.as_report()
         self.report |= {"options": asdict(self.options), "workers": self.workers.count}
         self.found, aabb = FoundBox.of_report(self.report), self.options.aabb
         self.box = self.found.box if self.found else object_box(self.world_to_model, aabb)

@@ -17,16 +17,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.training import DatasetError, focus, upright
+from ...core.training import (
+    STEEP,
+    DatasetError,
+    angles_to_nearest,
+    directions_from,
+    focus,
+    up_of,
+    upright,
+)
 
 NEAR, FAR = 20.0, 45.0  # degrees to the nearest photograph: well seen, hardly seen
 GAP = 60.0  # degrees around the object without a photograph, from which it is told
 AROUND = 180.0  # degrees between all photographs, from which they are taken to go around
-STEEP = 70.0  # degrees up or down, from which a photograph is not taken from a side
 BELOW, BELOW_SHARE = -20.0, 0.1  # if so many are from lower, the object does not stand
-# Mean squares of how far images' rows point along up, and along the direction that they do less
-# than the other: cameras held level within 10°, and swung by more than 40°.
-HELD, SWUNG = 0.03, 0.04
 STEP = 15.0  # degrees from a photograph to the next, that are advised
 RING_STEP, RING_TOP = 30.0, 60.0  # degrees from a ring to the next, and up to the highest
 LOPSIDED = 0.3  # of its distance from the axis: a region's middle is nearer if it goes around
@@ -91,32 +95,12 @@ def around(names: Sequence[str], poses) -> Around | None:
     except DatasetError:
         return None
     turn = upright(up_of(poses))
-    directions = poses[:, :3, 3] - center
-    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
+    directions = directions_from(center, poses)
     x, y, _ = turn @ directions[0]
     length = np.hypot(x, y)
     if length > 1e-6:
         turn = np.array([(-y, x, 0.0), (-x, -y, 0.0), (0.0, 0.0, length)]) / length @ turn
     return Around(tuple(names), center, turn, directions @ turn.T)
-
-
-def up_of(poses):
-    """The direction that is across all images' rows, or the cameras' mean up.  [3]
-
-    Whoever looks down from one side holds the camera level, while its up direction leans.
-    """
-    mean = poses[:, :3, 1].mean(axis=0)
-    mean /= max(np.linalg.norm(mean), 1e-12)
-    rows = poses[:, :3, 0]
-    parts, axes = np.linalg.eigh(rows.T @ rows / len(rows))
-    across = axes[:, 0] * np.sign(axes[:, 0] @ mean)
-    is_clear = parts[0] < HELD < SWUNG < parts[1] and across @ mean > np.cos(np.radians(STEEP))
-    return across if is_clear else mean
-
-
-def angles_to_nearest(directions, seen):
-    """Degrees from each direction to the nearest that is seen.  [..., 3], [n, 3] -> [...]"""
-    return np.degrees(np.arccos(np.clip((directions @ seen.T).max(axis=-1), -1.0, 1.0)))
 
 
 def azimuths(directions):

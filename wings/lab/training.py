@@ -14,6 +14,11 @@ from .report.plots import label, new_figure, png
 
 COLORS = {1: "#e07a1f", 2: "#2a6f97"}  # of the stages
 TEST_COLOR = "#7b2d8b"
+PARTS = {  # of the scores beside a sector that was held out
+    "held_out": "training views of the sector, held out",
+    "test_inside": "test views in the sector",
+    "test_outside": "test views elsewhere",
+}
 TITLE = "Training error against time"
 METHOD = [
     "A row is the mean error of the rays drawn since the row before, of the weights as they are "
@@ -22,6 +27,12 @@ METHOD = [
     "of the finished model, whose weights are averages. Seconds include compiling kernels, but "
     "not the test views.",
 ]
+HELD_OUT_METHOD = (
+    "Test views lie between training views, so that their score tells how well gaps are filled in. "
+    "All training views of one sector of 60° around the object were held out, so that theirs tells "
+    "what the model makes of a side that it never saw. The angle is that between a view and the "
+    "nearest training view, seen from the point that the training views look at."
+)
 
 
 @dataclass(frozen=True)
@@ -35,17 +46,36 @@ class Moment:
     psnr: Annotated[float, "PSNR of the training rays [dB]"]  # since the row before
 
 
+@dataclass(frozen=True)
+class Scored:
+    """Views that the model was not trained on."""
+
+    which: Annotated[str, "views"]
+    count: Annotated[int, "number"]
+    psnr: Annotated[float | None, "PSNR [dB]"]
+    ssim: Annotated[float | None, "SSIM"]
+    angle: Annotated[float | None, "angle to the nearest training view, median [°]"]
+    largest: Annotated[float | None, "largest [°]"]
+
+
 def section(field: TetField) -> Section:
     """The section on the training that the model's `meta` describes."""
     meta = field.meta
     moments = history(meta)
     keys = ("data", "device", "workers", "seconds", "test_view_count")
     known = {key: meta.get(key) for key in keys} | {"test_psnr": _test_psnr(meta)}
+    scored = held_out(meta)
+    tables = []
+    if scored:
+        caption = "What the model was not trained on, and how far that is from what it was."
+        tables.append(Table("held_out", caption, scored))
     if not moments:
         said = ["the model keeps no history of its training", _duration(meta), _test(meta)]
-        return Section("training", TITLE, [_sentence(said)], values=known)
+        findings = [_sentence(said), *_sector(scored)]
+        return Section("training", TITLE, findings, tables=tables, values=known)
     end = f"the training rays end at {moments[-1].psnr:.2f} dB"
     findings = [_sentence([_duration(meta), end, _test(meta)]), _stages(meta, moments)]
+    findings += _sector(scored)
     if meta.get("interrupted"):
         findings.append("The run was interrupted: the history ends there.")
     if meta.get("diverged"):
@@ -58,11 +88,24 @@ def section(field: TetField) -> Section:
         key="training",
         title=TITLE,
         findings=findings,
-        method=METHOD,
-        tables=[Table("training", caption, tenths(moments))],
+        method=[*METHOD, HELD_OUT_METHOD] if scored else METHOD,
+        tables=[*tables, Table("training", caption, tenths(moments))],
         figures=[Figure("training", f"{figure_caption}.", picture(meta, moments))],
         values=known | {"history": moments},
     )
+
+
+def held_out(meta: dict) -> list[Scored]:
+    """Scores beside a sector that training held out; none if it held none out."""
+    scores = meta.get("sector_scores") or {}
+    rows = []
+    for word, which in PARTS.items():
+        if not (part := scores.get(word)) or not part["view_count"]:
+            continue
+        mean, angles = part["mean"], part["angles"] or {}
+        figures = mean.get("psnr"), mean.get("ssim"), angles.get("median"), angles.get("largest")
+        rows.append(Scored(which, part["view_count"], *figures))
+    return rows
 
 
 def history(meta: dict) -> list[Moment]:
@@ -129,7 +172,22 @@ def _duration(meta) -> str:
 def _test(meta) -> str:
     psnr, count = _test_psnr(meta), meta.get("test_view_count")
     views = f"the {count} test views" if count else "the test views"
-    return f"{views} are at {psnr:.2f} dB" if psnr is not None else ""
+    return f"{views} are at {psnr:.2f} dB{_angles(meta)}" if psnr is not None else ""
+
+
+def _angles(meta) -> str:
+    if not (angles := meta.get("test_angles")):
+        return ""
+    return (
+        f", {angles['median']:.1f}° from the nearest training view (median, at most "
+        f"{angles['largest']:.1f}°)"
+    )
+
+
+def _sector(scored: list[Scored]) -> list[str]:
+    """The finding about a sector that was held out, if one was."""
+    known = [row for row in scored if row.psnr is not None]
+    return [_sentence([f"{row.which}: {row.psnr:.2f} dB" for row in known])] if known else []
 
 
 def _sentence(facts: list[str]) -> str:

@@ -22,6 +22,7 @@ from .foreign_paths import tried
 from .layouts import list_images, sparse_points
 from .masks import mask_paths, named_masks, read_mask
 from .posed_images import PosedImage
+from .sector import SECTOR, Sector, part_of
 from .turning import is_turned
 
 Item = TypeVar("Item")
@@ -49,6 +50,7 @@ class Dataset:
         said: Sentences about what the user may not expect of the files.
         points: Places on surfaces that were found along with the cameras, if the files have such,
             and if it is for training.  [n, 3]
+        sector: What was held out of training views.
     """
 
     pixels: np.ndarray
@@ -62,6 +64,7 @@ class Dataset:
     masked: bool = False
     said: tuple[str, ...] = ()
     rings: np.ndarray | None = None
+    sector: Sector | None = None
 
     def __post_init__(self):
         assert len(self.lenses) == len(self.names) == len(self.poses)
@@ -97,18 +100,20 @@ def load_dataset(
     for_training: bool = False,
     outside: bool = False,
     masks: str | Path | None = None,
+    sector: Sector | None = None,
 ) -> Dataset:
     """Read one split.
 
     Args:
         folder: The data set.
-        split: "train", "test", ...
+        split: "train", "test", ...; "sector" are the training views that `sector` holds out.
         image_size: Longer side in pixels to shrink the images to; they are never enlarged.
         view_count: Read that many views, spread evenly over the split; None reads all.
         for_training: Refuse more pixels than a RayBank takes.
         outside: Read images that lie outside the folder, too.
         masks: Folder of the images' masks (masks.py), which become their alpha; each image needs
             one if it is for training.  None: those that the files name, if they do.
+        sector: Held out of "train" (see sector.py, `find_sector`); other splits are read whole.
 
     Raises:
         NoSplitError: The files list no such images.
@@ -118,7 +123,11 @@ def load_dataset(
     for name, value in (("image size", image_size), ("number of views", view_count)):
         if value is not None and value < 1:
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
-    images, missing, bounds, said = list_images(Path(folder), split, outside)
+    listed = "train" if split == SECTOR else split
+    images, missing, bounds, said = list_images(Path(folder), listed, outside)
+    if sector is not None and listed == "train":
+        images = part_of(Path(folder), images, sector, held=split == SECTOR)
+        missing = missing if split != SECTOR else []
     points = sparse_points(Path(folder), split) if for_training else None
     check_some(images, missing, split)
     if view_count is not None and view_count < len(images):
@@ -158,6 +167,7 @@ def load_dataset(
         masked=masked,
         said=said,
         rings=np.array([image.ring for image in images]) if masked else None,
+        sector=sector if split == "train" else None,
     )
 
 

@@ -9,6 +9,10 @@ BOX = "--aabb x0 y0 z0 x1 y1 z1"
 INVERTED = "world-to-camera matrices have to be inverted"
 AIMED = 0.8  # mean cosine between a camera's axis and its way to the object: 37°, at an image's rim
 PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views have no focus
+# Mean squares of how far images' rows point along up, and along the direction that they do less
+# than the other: cameras held level within 10°, and swung by more than 40°.
+HELD, SWUNG = 0.03, 0.04
+STEEP = 70.0  # degrees up or down, from which a photograph is not taken from a side
 
 
 def nearest_to_axes(poses: np.ndarray) -> np.ndarray | None:
@@ -52,6 +56,35 @@ def common_up(poses):
     """The mean of the cameras' up directions, a unit vector.  [3]"""
     up = poses[:, :3, 1].mean(axis=0)
     return up / max(np.linalg.norm(up), 1e-12)
+
+
+def up_of(poses: np.ndarray) -> np.ndarray:
+    """The direction that is across all images' rows, or the cameras' mean up.  [3]
+
+    Whoever looks down from one side holds the camera level, while its up direction leans.
+    """
+    mean = common_up(poses)
+    rows = poses[:, :3, 0]
+    parts, axes = np.linalg.eigh(rows.T @ rows / len(rows))
+    across = axes[:, 0] * np.sign(axes[:, 0] @ mean)
+    is_clear = parts[0] < HELD < SWUNG < parts[1] and across @ mean > np.cos(np.radians(STEEP))
+    return across if is_clear else mean
+
+
+def offsets_from(center: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """From a point to cameras.  [3], [n, 4, 4] -> [n, 3]"""
+    return np.asarray(poses, float).reshape(-1, 4, 4)[:, :3, 3] - center
+
+
+def directions_from(center: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """From a point to cameras, unit vectors.  [3], [n, 4, 4] -> [n, 3]"""
+    offsets = offsets_from(center, poses)
+    return offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-12)
+
+
+def angles_to_nearest(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Degrees from each direction to the nearest that is seen.  [..., 3], [n, 3] -> [...]"""
+    return np.degrees(np.arccos(np.clip((directions @ seen.T).max(axis=-1), -1.0, 1.0)))
 
 
 def upright(up: ArrayLike) -> np.ndarray:

@@ -405,6 +405,12 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
         ("occupied_share", "half"),
         ("tet_count", 1.5),
         ("stage_1_tet_count", None),
+        ("test_angles", {"median": 3.0}),
+        ("test_angles", {"median": 3.0, "largest": "far"}),
+        ("sector", ["r_0.png"]),
+        ("sector_scores", [1.0]),
+        ("sector_scores", {"held_out": {"view_count": 3, "mean": {}}}),
+        ("sector_scores", {"held_out": {"view_count": 3, "mean": {"psnr": []}, "angles": None}}),
     ],
 )
 def test_every_key_of_the_documented_training_entry_has_its_type(path, key, value):

