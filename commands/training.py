@@ -508,7 +508,7 @@ def summary(trained, path: Path, scores: dict) -> str:
         )
     other = test and test.get("sector", {}).get("outside")
     if told := other and score_line(other):
-        text += f"\nTest views elsewhere: {told} on {other['view_count']}{angle_line(other)}."
+        text += f"\nTest views elsewhere: {told} on {other['view_count']} views{angle_line(other)}."
     if spread := trained.report.get("exposure_spread"):
         left = trained.report.get("exposure_left")
         look = "colors follow them" if left else "the model has the mean one"
