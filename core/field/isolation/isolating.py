@@ -63,7 +63,7 @@ class Isolation:
     ties: np.ndarray  # [E] what it costs to part pairs
     lengths: np.ndarray  # [E] how far it is between them, farther through fog [edges]
     ways: np.ndarray  # [E] the same, and farther between unlike colors
-    last: dict = field(default_factory=dict)  # what the last strokes for "this" came to
+    last: dict = field(default_factory=dict)  # what the last strokes came to, one by one
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -180,19 +180,19 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
     place = np.concatenate([s.points for s in strokes if s.this]).mean(axis=0)
     follows_from = np.packbits(told > 0).tobytes(), place.tobytes(), tuple(left_out)
     if scene.last.get("from") != follows_from:  # the same for each stroke "not this"
-        scene.last["kept"] = without_surroundings(scene, place, told > 0, left_out)
+        scene.last["kept"] = {(): without_surroundings(scene, place, told > 0, left_out)}
         scene.last["from"] = follows_from
-    kept = scene.last["kept"].copy()
-    one = None
+    kept, done, held = scene.last["kept"], (), np.maximum(told, 0)
     for stroke, ids in zip(strokes, near, strict=True):
-        own = ids[kept[ids]]
-        if stroke.this or not len(own):
+        if stroke.this:
             continue
-        if one is None:
-            one = distances(scene, scene.ways, np.flatnonzero(told > 0), told >= 0)
-        kept &= ~piece_at(scene, stroke, own, one, kept, told)
-    kept &= (told >= 0) & joined_to(matter, told > 0, kept)
-    return Isolated(kept, tuple(left_out))
+        held[ids[told[ids] < 0]] = -1
+        points = np.asarray(stroke.points, float)
+        before, done = done, (*done, (points.tobytes(), stroke.radius))
+        if done not in kept:  # what earlier strokes took away is known
+            kept[done] = kept[before] & ~piece_at(scene, stroke, ids, kept[before], held)
+    left = kept[done] & (told >= 0)
+    return Isolated(left & joined_to(matter, told > 0, left), tuple(left_out))
 
 
 def without_flats(scene: Isolation) -> Isolated:
@@ -261,7 +261,7 @@ def likeness_to(scene: Isolation, one) -> np.ndarray:
     return np.clip(ratio, -1.0, 1.0)[index]
 
 
-def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
+def piece_at(scene: Isolation, stroke, ids, kept, told) -> np.ndarray:
     """What a "not this" stroke takes away of what is kept.  [N] bool
 
     It is cut off within several distances from the stroke, and judged by its border over the
@@ -269,11 +269,14 @@ def piece_at(scene: Isolation, stroke, own, one, kept, told) -> np.ndarray:
     much less: a crumb goes at its own border, an arm at the shoulder.
 
     Args:
-        own: Sub-tets at the stroke, ids.
-        one: The distance from "this" [edges].  [N]
-        kept, told: As in `isolated`.  [N] bool, [N] int
+        ids: Sub-tets at the stroke.
+        kept: What is left so far.  [N] bool
+        told: 1 where a stroke says "this", -1 where one says "not this", so far.  [N] int
     """
-    matter = scene.matter
+    matter, own = scene.matter, ids[kept[ids]]
+    if not len(own):
+        return np.zeros(len(kept), bool)
+    one = distances(scene, scene.ways, np.flatnonzero(told > 0), told >= 0)
     length = (np.linalg.norm(np.ptp(stroke.points, axis=0)) + 2.0 * stroke.radius) / matter.edge
     other = distances(scene, scene.ways, own, kept)
     open_ = kept & (told <= 0)

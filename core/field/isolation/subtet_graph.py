@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...definition.networks import geometry, mlp, sigma_from, sigmoid
+from ...definition.networks import GEOMETRY_FEATURES, geometry, mlp, sigma_from, sigmoid
 from ...geometry import TetMesh, path_corners, tet_neighbours
 from ..field import TetField
 from ..networks.basis import CONSTANT_BASIS
@@ -81,10 +81,10 @@ def graph_of(field: TetField, many: int = MANY) -> SubtetGraph:
     volumes = volumes_of(corners_of(mesh, tets, subtets))
     edges = np.cbrt(6.0 * np.sqrt(2.0) * volumes)
     is_large = len(tets) > many
-    sigma, colors = _looks(field, tets, subtets, LOOKS[:1] if is_large else LOOKS)
+    sigma, seen = _looks(field, tets, subtets, LOOKS[:1] if is_large else LOOKS)
     depths, levels = sigma * edges, LEVELS
     if is_large:
-        tets, subtets, depths, colors = _by_children(tets, subtets, depths, colors)
+        tets, subtets, depths, seen = _by_children(tets, subtets, depths, seen)
         levels = LEVELS - 1
     own = corners_of(mesh, tets, subtets, levels)
     nodes = numbered_corners(mesh, tets, subtets, levels)
@@ -95,7 +95,7 @@ def graph_of(field: TetField, many: int = MANY) -> SubtetGraph:
         middles=own.mean(axis=1),
         volumes=volumes_of(own),
         depths=depths,
-        colors=colors,
+        colors=_colors(field, seen),
         nodes=nodes,
         pairs=pairs,
         areas=areas,
@@ -104,25 +104,25 @@ def graph_of(field: TetField, many: int = MANY) -> SubtetGraph:
     )
 
 
-def _by_children(tets, subtets, depths, colors):
-    """Children instead of their sub-tets: the mean opacity, and the color of what is opaque."""
+def _by_children(tets, subtets, depths, seen):
+    """Children instead of their sub-tets: the mean opacity, and the mean h of what is opaque."""
     keys, child = np.unique(8 * tets + subtets // 8, return_inverse=True)
     opacity = np.maximum(1.0 - np.exp(-depths), 1e-12)
     sums = np.bincount(child, opacity)
-    means = [np.bincount(child, opacity * column) / sums for column in colors.T]
+    means = [np.bincount(child, opacity * column) / sums for column in seen.T]
     depths = -np.log1p(-np.minimum(sums / 8.0, 1.0 - 1e-6))
     return keys // 8, keys % 8, depths, np.stack(means, axis=1)
 
 
 def _looks(field, tets, subtets, looks):
-    """Mean density [N] of sub-tets, and the color [N, 3] of what is dense in them.
+    """Mean density [N] of sub-tets, and the mean h [N, 16] of what is dense in them.
 
     Args:
         looks: Where each is looked at, by its corners.  [n, 4]
     """
     places = np.einsum("lc,sck->slk", looks, subtet_corners())  # [64, look, 4]
     single = replace(field.definition, encoding=_in_single(field.definition.encoding))
-    sigma, colors = np.zeros(len(tets)), np.zeros((len(tets), 3))
+    sigma, seen = np.zeros(len(tets)), np.zeros((len(tets), GEOMETRY_FEATURES))
     for first in range(0, len(tets), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         count = len(tets[some])
@@ -131,10 +131,18 @@ def _looks(field, tets, subtets, looks):
         density = sigma_from(h).reshape(count, -1)
         sigma[some] = density.mean(axis=1)
         shares = density / density.sum(axis=1, keepdims=True)
-        means = np.einsum("nl,nlh->nh", shares, h.reshape(count, len(looks), -1))
-        basis = np.tile(CONSTANT_BASIS, (count, 1))
-        colors[some] = sigmoid(mlp(np.concatenate([means, basis], axis=1), field.color_layers))
-    return sigma, colors
+        seen[some] = np.einsum("nl,nlh->nh", shares, h.reshape(count, len(looks), -1))
+    return sigma, seen
+
+
+def _colors(field, seen):
+    """Colors for h [N, 16], in the mean over all directions.  [N, 3]"""
+    colors = np.zeros((len(seen), 3))
+    for first in range(0, len(seen), AT_ONCE):
+        h = seen[first : first + AT_ONCE]
+        x = np.concatenate([h, np.tile(CONSTANT_BASIS, (len(h), 1))], axis=1, dtype=np.float32)
+        colors[first : first + AT_ONCE] = sigmoid(mlp(x, field.color_layers))
+    return colors
 
 
 def _in_single(encoding):
