@@ -6,14 +6,15 @@ is a group of photographs that a camera took from one place.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import combinations
 
 import numpy as np
 
+from ...core.base.device import thread_count
 from ...core.training import shrunk_size
 from .features import LEAST_MATCHES, object_mask
-from .library import SEED
+from .library import SEED, Threads
 from .work import Work, number_of
 
 SAME_PLACE = 1.0  # pixels of the work size
@@ -47,7 +48,11 @@ def find_rings(work: Work, begin) -> list[tuple[int, ...]]:
     Args:
         begin: Phases.phase.
     """
-    with work.database() as database, begin("Looking for a turntable", 1) as advance:
+    with (
+        work.database() as database,
+        begin("Looking for a turntable", 1) as advance,
+        Threads(thread_count()) as pool,
+    ):
         keys = {number_of(image.name): image.image_id for image in database.read_all_images()}
         features = lru_cache(KEPT)(lambda number: features_of(database, keys[number]))
         left, rings, vain = sorted(keys), [], 0
@@ -56,8 +61,8 @@ def find_rings(work: Work, begin) -> list[tuple[int, ...]]:
                 break
             if seed not in left:
                 continue
-            one = features(seed)
-            ring = [n for n in left if n == seed or stood_still(one, features(n))]
+            stood = pool.map(partial(stood_still, features(seed)), map(features, left))
+            ring = [n for n, still in zip(left, stood, strict=True) if n == seed or still]
             if len(ring) < RING:
                 vain += 1
                 continue
