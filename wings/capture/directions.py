@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.training import (
+    AROUND,
     STEEP,
     DatasetError,
     angles_to_nearest,
@@ -25,11 +26,11 @@ from ...core.training import (
     focus,
     up_of,
     upright,
+    widest_step,
 )
 
 NEAR, FAR = 20.0, 45.0  # degrees to the nearest photograph: well seen, hardly seen
 GAP = 60.0  # degrees around the object without a photograph, from which it is told
-AROUND = 180.0  # degrees between all photographs, from which they are taken to go around
 BELOW, BELOW_SHARE = -20.0, 0.1  # if so many are from lower, the object does not stand
 STEP = 15.0  # degrees from a photograph to the next, that are advised
 RING_STEP, RING_TOP = 30.0, 60.0  # degrees from a ring to the next, and up to the highest
@@ -168,7 +169,7 @@ def steps_around(view: Around) -> list[WideStep]:
     turned = azimuths(view.directions[rows])
     order = np.argsort(turned)
     steps = np.diff(turned[order], append=turned[order[0]] + 360.0)
-    sees = 360.0 - steps.max()
+    sees = 360.0 - widest_step(turned)
     wide = [int(steps.argmax())] if sees < AROUND else np.flatnonzero(steps > GAP).tolist()
     height = float(np.clip(np.median(elevations(view.directions[rows])), 0.0, RING_TOP))
     found = []

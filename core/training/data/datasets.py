@@ -125,7 +125,7 @@ def load_dataset(
             raise DatasetError(f"The {name} is {value}: it has to be at least 1")
     listed = "train" if split == SECTOR else split
     images, missing, bounds, said = list_images(Path(folder), listed, outside)
-    if sector is not None and listed == "train":
+    if split == SECTOR or (sector is not None and split == "train"):
         images = part_of(Path(folder), images, sector, held=split == SECTOR)
         missing = missing if split != SECTOR else []
     points = sparse_points(Path(folder), split) if for_training else None

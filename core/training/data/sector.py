@@ -1,8 +1,9 @@
 """A sector of the views around an object, held out of training to be scored.
 
 A view held out here and there lies between views of the training: its score tells how well a model
-fills the gaps in.  The views of a sector have neighbors on both sides only: their score tells what
-the model makes of a side that it never saw.
+fills the gaps in.  The views of a sector have neighbors on both sides only: their score tells how
+well the model shows a side that no training view shows.  Views from STEEP above or below are taken
+from no side: they stay.
 
 A view's azimuth is the direction from the point that the training views look at to the camera,
 about the cameras' common up direction, counterclockwise from above, 0° at the first training view.
@@ -11,8 +12,9 @@ nearly as there is, as if the views were spread evenly over what they see around
 several the first.
 """
 
+import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +23,10 @@ from ...base.schema import both, listing, number, text, vector
 from .errors import DatasetError
 from .layouts import list_images
 from .posed_images import FARTHEST, PosedImage
-from .views import focus, offsets_from, up_of
+from .views import AROUND, STEEP, directions_from, focus, offsets_from, up_of, widest_step
 
 SECTOR = "sector"  # the split's name
 WIDTH = 60.0  # degrees
-AROUND = 180.0  # degrees that the views have to see, at least
 LEAST = 3  # views in a sector; a score of fewer is one of chance
 SAME = 1e-6  # degrees between azimuths that are equal but for rounding
 
@@ -57,7 +58,12 @@ class Sector:
 
     def contains(self, poses) -> np.ndarray:
         """Whether cameras in the data's space lie in the sector.  [n, 4, 4] -> [n] bool"""
-        return is_within(self.azimuths(poses), self.begin)
+        return is_within(self.azimuths(poses), self.begin) & self.are_beside(poses)
+
+    def are_beside(self, poses) -> np.ndarray:
+        """Whether cameras are less than STEEP above or below the object.  [n, 4, 4] -> [n] bool"""
+        heights = directions_from(np.array(self.center), poses) @ np.array(self.up)
+        return abs(heights) < np.sin(np.radians(STEEP))
 
     def told(self) -> str:
         """The sector in words."""
@@ -132,8 +138,8 @@ def sector_of(names: Sequence[str], poses: np.ndarray) -> Sector:
     first = int((lengths > 1e-6 * lengths.max()).argmax())  # one straight above has no azimuth
     zero = flat[first] / max(lengths[first], 1e-12)
     whole = Sector(0.0, tuple(center.tolist()), tuple(up.tolist()), tuple(zero.tolist()), ())
-    azimuths = whole.azimuths(poses)
-    sees = 360.0 - widest_step(azimuths)
+    azimuths = whole.azimuths(poses[whole.are_beside(poses)])
+    sees = 360.0 - widest_step(azimuths) if len(azimuths) else 0.0
     if sees < AROUND:
         raise DatasetError(
             f"{refused()}: the cameras see {sees:.0f}° around the object, and at least "
@@ -143,24 +149,18 @@ def sector_of(names: Sequence[str], poses: np.ndarray) -> Sector:
     counts = np.array([is_within(azimuths, begin).sum() for begin in begins])
     usual = len(azimuths) * WIDTH / sees
     begin = float(begins[np.abs(counts - usual).argmin()])
-    inside = is_within(azimuths, begin)
+    inside = replace(whole, begin=begin).contains(poses)
     if inside.sum() < LEAST:
         raise DatasetError(
             f"{refused()}: it has only {inside.sum()} of the {len(poses)} training views, and at "
             f"least {LEAST} are needed for a score"
         )
     views = tuple(name for name, is_in in zip(names, inside, strict=True) if is_in)
-    return Sector(begin, whole.center, whole.up, whole.zero, views)
+    return replace(whole, begin=begin, views=views)
 
 
 def refused() -> str:
     return f"a sector of {WIDTH:.0f}° can't be held out"
-
-
-def widest_step(azimuths) -> float:
-    """Degrees around without a view, at most."""
-    order = np.sort(azimuths)
-    return float(np.diff(order, append=order[0] + 360.0).max())
 
 
 def poses_of(images: Sequence[PosedImage]) -> np.ndarray:
@@ -169,18 +169,23 @@ def poses_of(images: Sequence[PosedImage]) -> np.ndarray:
 
 
 def name_of(folder: Path, image: PosedImage) -> str:
-    """An image's path in the folder, with slashes; its file's name if it lies elsewhere."""
+    """An image's path from the folder, with slashes; its file's name on another drive."""
     path = image.path.resolve()
-    inner = folder.resolve()
-    return path.relative_to(inner).as_posix() if path.is_relative_to(inner) else path.name
+    try:
+        return Path(os.path.relpath(path, folder.resolve())).as_posix()
+    except ValueError:  # on Windows
+        return path.name
 
 
-def part_of(folder: Path, images: list[PosedImage], sector: Sector, held: bool):
+def part_of(folder: Path, images: list[PosedImage], sector: Sector | None, held: bool):
     """The training images that the sector holds out, or else the others, in their order.
 
     Raises:
-        DatasetError: Some that it holds out are not there: these are other images.
+        DatasetError: Some that it holds out are not there: these are other images.  Or no sector
+            is given.
     """
+    if sector is None:
+        raise DatasetError("which views a sector holds out is unknown without the sector")
     names, views = [name_of(folder, image) for image in images], set(sector.views)
     if lost := [view for view in sector.views if view not in names]:
         raise DatasetError(

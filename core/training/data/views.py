@@ -13,6 +13,7 @@ PARALLEL = 0.02  # below this smallest eigenvalue of the mean projector views ha
 # than the other: cameras held level within 10°, and swung by more than 40°.
 HELD, SWUNG = 0.03, 0.04
 STEEP = 70.0  # degrees up or down, from which a photograph is not taken from a side
+AROUND = 180.0  # degrees that views see at least, if they are taken to go around
 
 
 def nearest_to_axes(poses: np.ndarray) -> np.ndarray | None:
@@ -85,6 +86,12 @@ def directions_from(center: np.ndarray, poses: np.ndarray) -> np.ndarray:
 def angles_to_nearest(directions: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Degrees from each direction to the nearest that is seen.  [..., 3], [n, 3] -> [...]"""
     return np.degrees(np.arccos(np.clip((directions @ seen.T).max(axis=-1), -1.0, 1.0)))
+
+
+def widest_step(azimuths) -> float:
+    """Degrees around without a view, at most."""
+    order = np.sort(azimuths)
+    return float(np.diff(order, append=order[0] + 360.0).max())
 
 
 def upright(up: ArrayLike) -> np.ndarray:

@@ -89,12 +89,21 @@ def test_it_turns_and_grows_with_the_world():
     np.testing.assert_allclose(sector.up, turn[:3, 2], atol=1e-9)
 
 
+def test_views_from_straight_above_are_of_no_side():
+    """They neither change which sector is held out nor lie in it."""
+    steep = np.concatenate([places([10.0, 20.0, 200.0], 75.0), places([30.0, 40.0], -80.0)])
+    poses = np.concatenate([ring(24), steep])
+    rows, sector = held(poses)
+    assert rows == [0, 1, 2, 3]
+    np.testing.assert_array_equal(np.flatnonzero(sector.contains(poses)), rows)
+
+
 def test_a_first_view_from_straight_above_has_no_azimuth():
     above = np.eye(4)
     above[2, 3] = 4.0
     poses = np.concatenate([above[None], ring(24, 80.0)])
     rows, _ = held(poses)
-    assert {1, 2, 3, 4} <= {*rows}
+    assert rows == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(
@@ -103,10 +112,11 @@ def test_a_first_view_from_straight_above_has_no_azimuth():
         (ring(3), "there are 3 training views"),
         (ring(9), "it has only 2 of the 9 training views, and at least 3 are needed for a score"),
         (ring(20, width=160.0), "the cameras see 152° around the object, and at least 180°"),
+        (ring(20, elevation=75.0), "the cameras see 0° around the object"),
         (np.tile(np.eye(4), (9, 1, 1)), "the cameras look at no common point"),
         (ring(12) * [-1, 1, -1, 1], "the cameras look at no common point"),
     ],
-    ids=["few", "few in it", "not around", "parallel", "outwards"],
+    ids=["few", "few in it", "not around", "above", "parallel", "outwards"],
 )
 def test_where_no_sector_can_be_held_out_a_sentence_says_why(poses, sentence):
     with pytest.raises(DatasetError, match="a sector of 60° can't be held out: ") as caught:
@@ -137,19 +147,27 @@ def test_other_splits_are_read_whole(tmp_path):
     assert load_dataset(folder, "test", sector=sector).view_count == 4
 
 
-def test_images_of_one_name_in_two_folders_are_told_apart(tmp_path):
+@pytest.mark.parametrize("outside", [False, True])
+def test_images_of_one_name_in_two_folders_are_told_apart(tmp_path, outside):
     """As those of a rig of cameras are."""
-    folder = transforms(tmp_path, 30)
+    folder = transforms(tmp_path / "data", 30)
+    where = "../rig" if outside else "images"
     text = (folder / "transforms.json").read_text()
     for i in range(30):
-        path = folder / f"images/{i // 2 if i % 2 else 100 + i // 2}"
-        path.mkdir()
+        path = folder / f"{where}/{i // 2 if i % 2 else 100 + i // 2}"
+        path.mkdir(parents=True)
         (folder / f"images/{i:04d}.png").rename(path / "a.png")
-        text = text.replace(f"images/{i:04d}.png", f"images/{path.name}/a.png")
+        text = text.replace(f"images/{i:04d}.png", f"{where}/{path.name}/a.png")
     (folder / "transforms.json").write_text(text)
-    sector = find_sector(folder)
+    sector = find_sector(folder, outside)
     assert len({*sector.views}) == len(sector.views) >= 3
-    assert load_dataset(folder, "sector", sector=sector).view_count == len(sector.views)
+    held = load_dataset(folder, "sector", outside=outside, sector=sector)
+    assert held.view_count == len(sector.views)
+
+
+def test_the_views_of_a_sector_are_unknown_without_it(tmp_path):
+    with pytest.raises(DatasetError, match="unknown without the sector"):
+        load_dataset(transforms(tmp_path, 9), "sector")
 
 
 def test_another_data_set_is_refused(tmp_path):
