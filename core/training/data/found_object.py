@@ -35,7 +35,7 @@ PLANE_SHARE = 0.03  # of the attention that a plane has at least
 CAMERAS_IN_FRONT = 0.95  # of the cameras
 STANDS = 0.35  # cosine between the plane's normal and the cameras' up from which the object stands
 CLEAR = 3.0  # thicknesses: what is nearer to the plane belongs to it
-CELL = 0.1  # of a plane; all cells count alike, so a mat with texture doesn't tilt it [scale]
+CELL = 0.1  # of a plane, a square's side [scale]
 NEIGHBOURS = 6  # of a point in a cluster
 REACH_OF_POINT = 3.0  # of the median distance to that many neighbours
 CLUSTER_SHARE = 0.2  # of the attention in front of the plane that an object has at least
@@ -99,9 +99,9 @@ def find_object(
     weights = attention(points, poses, lenses)
     votes = weights if masks is None else attention(points, poses, lenses, masks)
     up = common_up(poses)
-    found = []
-    for plane in planes(points, weights, poses[:, :3, 3], up, THICKNESS * scale, rng):
-        plane = evened(plane, points, weights, scale, rng)
+    found, cameras = [], poses[:, :3, 3]
+    for plane in planes(points, weights, cameras, up, THICKNESS * scale, rng):
+        plane = evened(plane, points, weights, cameras, scale, rng)
         heights = plane.height(points)
         is_above, is_below = (side * heights > CLEAR * THICKNESS * scale for side in (1.0, -1.0))
         is_above &= votes >= VOTE * weights
@@ -201,22 +201,32 @@ def planes(points, weights, cameras, up, thickness, rng) -> list[Plane]:
     return [plane for *_, plane in sorted(found, key=lambda entry: entry[:2], reverse=True)]
 
 
-def evened(plane: Plane, points, weights, scale, rng) -> Plane:
-    """The plane by where its points [n, 3] are, not by how many: texture is no reason.
+def evened(plane: Plane, points, weights, cameras, scale, rng) -> Plane:
+    """Refit the plane with equal weight for each cell of area.
 
-    The plane as it was where hardly any lie along another one.
+    So a densely textured mat doesn't tilt it.  The old plane where the refit tilts by more than
+    10°, or fails the checks of `planes`.
+
+    Args:
+        points, weights: [n, 3], [n]
+        cameras: [N, 3]
     """
-    near = abs(plane.height(points)) < CLEAR * THICKNESS * scale
-    points, weights = points[near], weights[near]
-    across = points @ upright(plane.normal)[:2].T
+    thickness = THICKNESS * scale
+    near = abs(plane.height(points)) < CLEAR * thickness
+    across = points[near] @ upright(plane.normal)[:2].T
     cells = np.floor(across / (CELL * scale)).astype(int)
     _, cell, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    found = heaviest_plane(points, weights / counts[cell], THICKNESS * scale, rng)
+    # A single point in a cell may be an outlier.  NumPy 2.0.0 gives `cell` as [m, 1].
+    even = weights[near] * ((counts > 1) / counts)[cell.ravel()]
+    found = heaviest_plane(points[near], even, thickness, rng)
     if found is None:
         return plane
     if found.normal @ plane.normal < 0.0:
         found = Plane(-found.normal, -found.offset)
-    return found if found.normal @ plane.normal > SAME_TILT else plane
+    share = weights[abs(found.height(points)) < thickness].sum() / weights.sum()
+    in_front = (found.height(cameras) > 0.0).mean()
+    is_good = found.normal @ plane.normal > SAME_TILT and share >= PLANE_SHARE
+    return found if is_good and in_front >= CAMERAS_IN_FRONT else plane
 
 
 def carries(plane: Plane, ground, points) -> bool:

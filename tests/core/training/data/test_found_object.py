@@ -12,6 +12,7 @@ from deformrf.core.training.data.found_object import (
     THICKNESS,
     attention,
     common_up,
+    evened,
     ground_of,
 )
 from deformrf.core.training.data.scene_box import found_to_unit_cube
@@ -109,6 +110,44 @@ def test_a_mat_with_much_texture_does_not_tilt_the_table():
     found = find_object(points, poses, [LENS] * len(poses))
     assert np.degrees(np.arccos(found.turn[2, 2])) < 1.0
     assert found.box[0, 2] == pytest.approx(0.0, abs=0.02)
+
+
+def test_what_is_alone_in_its_cell_does_not_tilt_the_table():
+    """Outliers beside a table, each in a cell of its own."""
+    rng = np.random.default_rng()
+    table = np.column_stack([rng.uniform(-0.4, 0.4, (2000, 2)), rng.normal(size=2000) * 0.004])
+    x, y = 0.05 + 0.1 * np.mgrid[5:21, -12:13].reshape(2, -1)
+    points = np.concatenate([table, np.column_stack([x, y, np.full(400, 0.03)])])
+    guess, weights = Plane(np.array([0, 0, 1.0]), 0.0), np.ones(len(points))
+    plane = evened(guess, points, weights, cameras(rng, np.zeros(3))[:, :3, 3], 1.0, rng)
+    assert plane.offset == pytest.approx(0.0, abs=0.002) and plane.normal[2] > 0.9999
+
+
+@pytest.mark.parametrize("numbers", ["[n]", "[n, 1]"])
+def test_cells_are_numbered_as_by_any_numpy(monkeypatch, numbers):
+    rng, unique = np.random.default_rng(), np.unique
+
+    def of_2_0(*given, **named):
+        values, number, counts = unique(*given, **named)
+        return values, number.reshape(-1, 1), counts
+
+    if numbers == "[n, 1]":
+        monkeypatch.setattr(np, "unique", of_2_0)
+    table = np.column_stack([rng.uniform(-1.0, 1.0, (2000, 2)), rng.normal(size=2000) * 0.004])
+    guess, places = Plane(np.array([0, 0.05, 1.0]), 0.0), cameras(rng, np.zeros(3))[:, :3, 3]
+    assert evened(guess, table, np.ones(2000), places, 3.0, rng).normal[2] > 0.9999
+
+
+@pytest.mark.parametrize("lowest, moves", [(1.0, True), (-0.1, False)])
+def test_a_plane_is_refit_only_if_the_cameras_stay_in_front(lowest, moves):
+    """Cameras on one side are a bit below a table, and above the tilted mat on it."""
+    rng = np.random.default_rng()
+    table = np.column_stack([rng.uniform(-1.0, 1.0, (1000, 2)), rng.normal(size=1000) * 0.002])
+    guess = Plane(np.array([np.sin(0.06), 0.0, np.cos(0.06)]), 0.0)
+    places = np.array([[-3.0, 0, 2.0]] * 9 + [[3.0, 0, lowest]])
+    plane = evened(guess, table, np.ones(1000), places, 3.0, rng)
+    assert (plane.height(places) > 0.0).all()
+    assert (plane is not guess) == moves
 
 
 def test_arms_that_are_spread_are_no_table():
