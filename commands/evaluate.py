@@ -199,13 +199,10 @@ def print_report(report):
 def angle_lines(report) -> list[str]:
     """How far the views are from those of the training, and what that means for their scores."""
     lines = []
-    if angles := report["angles"]:
-        lines.append(
-            f"Angle to the nearest training view: {angles['median']:.1f}° (median), at most "
-            f"{angles['largest']:.1f}°."
-        )
+    if told := training.angles_told(report["angles"]):
+        lines.append(f"The views are {told}.")
     parts = report.get("sector", {})
-    if all(part["mean"]["psnr"] is not None for part in parts.values()) and parts:
+    if parts and all(part["mean"]["psnr"] is not None for part in parts.values()):
         inside, outside = parts["inside"], parts["outside"]
         lines.append(
             f"{inside['view_count']} of the views lie in the sector that training held out: "

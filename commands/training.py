@@ -113,9 +113,9 @@ class TrainArguments:
     runs once for each photograph, without a shell, reads the image {in} and writes {out}, which
     come last if no word has them. What it gets wrong is mended by votes of all photographs."""
     hold_out: Literal["sector"] | None = None
-    """sector: don't train on the photographs of 60° around the object. Their scores tell how the
-    model looks from a side that it never saw; test images lie between others. deformrf eval --split
-    sector scores them again."""
+    """sector: don't train on the photographs of 60° around the object. Their scores tell how
+    well the model shows a side that no training view shows; test images lie between others.
+    deformrf eval --split sector scores them, too."""
     check: bool = False
     """Don't train: find the cameras of photographs, and write a page about them, NAME-check.png
     beside NAME.npz."""
@@ -203,9 +203,9 @@ def prepare_training(
     check_checkpoint(checkpoint_path)
     options = resumed.options if resumed else train_options(arguments)
     arguments = with_cameras(arguments, output, begun)
+    sector = held_out(arguments, resumed)
     if arguments.check:
         return lambda: check(arguments.data, output, arguments.outside_images)
-    sector = held_out(arguments, resumed)
     train_views = load_train_views(arguments, options, resumed, sector)
     options = options if resumed else for_views(options, arguments, train_views)
     scored_views = load_scored_views(arguments, sector)
@@ -383,11 +383,12 @@ def save(trained, path: Path, arguments: TrainArguments, scored_views: dict, dev
         reports[split] = report
         if not report["complete"]:
             break
-    if reports:
+    if scores := training.scores_of(reports):
         try:
-            fields.save(kept, path, training.scores_of(reports), arguments.entry_bits)
+            fields.save(kept, path, scores, arguments.entry_bits)
         except OSError as error:
-            report["not_written"] = f"{path}: {error.strerror or error}"
+            for report in reports.values():
+                report["not_written"] = f"{path}: {error.strerror or error}"
     return reports
 
 
@@ -478,19 +479,15 @@ def lost(error: OSError, path: Path, second: Path | None, checkpoint_path: Path 
 def score_line(scores: dict) -> str:
     """The mean scores of views, as text; "" if they are unknown."""
     mean = scores["mean"]
-    if not scores.get("complete", True) or mean["psnr"] is None:
+    if mean["psnr"] is None:
         return ""
     return f"{mean['psnr']:.2f} dB and SSIM {mean['ssim']:.4f}"
 
 
 def angle_line(scores: dict) -> str:
     """How far views are from those of the training, to follow a text about them."""
-    if (angles := scores["angles"]) is None:
-        return ""
-    return (
-        f", {angles['median']:.1f}° from the nearest training view (median; at most "
-        f"{angles['largest']:.1f}°)"
-    )
+    told = training.angles_told(scores["angles"])
+    return told and f", {told}"
 
 
 def summary(trained, path: Path, scores: dict) -> str:
@@ -499,7 +496,8 @@ def summary(trained, path: Path, scores: dict) -> str:
     size, minutes = path.stat().st_size / 1e6, trained.report["seconds"] / 60
     text = f"{begun}: {path}, {trained.field.mesh.tet_count} tets, {size:.1f} MB"
     text += f", {minutes:.1f} minutes of training"
-    test, sector = scores.get("test"), scores.get(training.SECTOR)
+    complete = {split: report for split, report in scores.items() if report["complete"]}
+    test, sector = complete.get("test"), complete.get(training.SECTOR)
     if told := test and score_line(test):
         text += f", {told} on the test views"
     if told := sector and score_line(sector):

@@ -38,6 +38,7 @@ from .evaluation import (
     write_report as write_report,
 )
 from .lpips import LPIPS_SIZE_MIN as LPIPS_SIZE_MIN
+from .nearness import angles_told as angles_told
 from .metrics import check_size as check_size
 from .run.checkpoint import is_checkpoint as is_checkpoint
 from .run.distributed import torchrun_workers as torchrun_workers, was_worker as was_worker

@@ -174,7 +174,11 @@ def summary(rows: list[dict]) -> dict:
 
 
 def scores_of(reports: dict[str, dict]) -> dict[str, Any]:
-    """What a model's file keeps of its evaluations, by split: docs/model-format.md has the keys."""
+    """What a model's file keeps of its evaluations, by split: docs/model-format.md has the keys.
+
+    Those that were interrupted are left out.
+    """
+    reports = {split: report for split, report in reports.items() if report["complete"]}
     scores, keys = {}, ("view_count", "mean", "angles")
     if test := reports.get("test"):
         scores = {f"test_{key}": test[key] for key in keys}

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..field import TetField
-from ..render import in_space
+from ..render import in_space, views_of_rows
 from .data.datasets import Dataset
 from .data.sector import Sector
 from .data.views import angles_to_nearest, directions_from, nearest_to_axes
+
+WIDTH = 100  # of a training view; angles don't depend on it [pixels]
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,7 @@ class Nearness:
 
     Attributes:
         angles: To the nearest training view, seen from the point that the training views look at
-            [degrees]; None if the model doesn't know its views, or they look at no point.
+            [degrees]; None if the model doesn't keep all its views, or they look at no point.
         inside: Whether it lies in the sector that training held out; None if it held none out.
     """
 
@@ -38,11 +40,11 @@ class Nearness:
 
 def angles(field: TetField, poses: np.ndarray) -> list[float] | None:
     """`Nearness.angles` of cameras in the data's space.  [n, 4, 4]"""
-    rows = field.meta.get("views")
-    if not rows:
-        return None
-    trained = np.tile(np.eye(4), (len(rows), 1, 1))
-    trained[:, :3] = np.reshape(rows, (-1, 16))[:, :12].reshape(-1, 3, 4)
+    rows = field.meta.get("views") or []
+    cameras = views_of_rows(rows, WIDTH)
+    if not cameras or len(cameras) < field.meta.get("view_count", len(rows)):
+        return None  # the nearest may be one that the model doesn't keep
+    trained = np.array([camera.camera_to_world for camera in cameras])
     center = nearest_to_axes(trained)
     if center is None:
         return None
@@ -56,3 +58,11 @@ def median_and_largest(values: list[float | None]) -> dict | None:
     if not values or None in values:
         return None
     return {"median": float(np.median(values)), "largest": float(max(values))}
+
+
+def angles_told(angles: dict | None) -> str:
+    """What `median_and_largest` gives, in words; "" of None."""
+    if angles is None:
+        return ""
+    median, largest = angles["median"], angles["largest"]
+    return f"{median:.1f}° from the nearest training view (median; at most {largest:.1f}°)"

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from deformrf.commands import evaluate, train
+from deformrf.core import training as core_training
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at, rows_of_views
 from deformrf.core.training import Sector, load_dataset
@@ -75,6 +76,29 @@ def test_a_model_keeps_the_scores_of_the_sector_and_of_test_views(call, model, a
     assert f"{flat_angle(7.5):.1f}° from the nearest training view (median; at most" in result.out
 
 
+def test_scores_that_ctrl_c_ended_early_are_neither_printed_nor_kept(
+    call, model, around, monkeypatch
+):
+    real = core_training.evaluate
+
+    def evaluate(field, views, *given, **named):
+        return {**real(field, views, *given, **named), "complete": views.split == "sector"}
+
+    monkeypatch.setattr(core_training, "evaluate", evaluate)
+    result = call(train.main, around, "-o", model, *FLAGS)
+    assert result.code == 130
+    assert "Held-out sector: " in result.out
+    assert "test views" not in result.out.lower()
+    meta = modelfile.load(model).meta
+    assert list(meta["sector_scores"]) == ["held_out"] and "test_mean" not in meta
+
+
+def test_a_check_says_what_would_be_held_out(call, trainer, model, around):
+    result = call(train.main, around, "-o", model, "--hold-out", "sector", "--check")
+    assert result.code == 0 and "Held out: 4 training views" in result.err
+    assert not trainer.calls
+
+
 def flat_angle(turn):
     """Between two views that are so far apart around the object [degrees]: they look down."""
     down = np.arctan(0.25)
@@ -94,8 +118,8 @@ def test_eval_scores_just_these_views(call, model, around, tmp_path):
     assert report["angles"] == {"median": np.median(angles), "largest": max(angles)}
     assert report["sector"]["inside"]["view_count"] == 4
     assert report["sector"]["outside"]["mean"]["psnr"] is None
-    said = f"{np.median(angles):.1f}° (median), at most {max(angles):.1f}°."
-    assert f"Angle to the nearest training view: {said}" in result.out
+    said = f"{np.median(angles):.1f}° from the nearest training view"
+    assert f"The views are {said} (median; at most {max(angles):.1f}°)." in result.out
 
 
 def test_eval_of_test_views_tells_those_in_the_sector_apart(call, model, around, tmp_path):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ...core.field import TetField
+from ...core.training import angles_told
 from .report.contents import Figure, Section, Table
 from .report.plots import label, new_figure, png
 
@@ -30,8 +31,8 @@ METHOD = [
 HELD_OUT_METHOD = (
     "Test views lie between training views, so that their score tells how well gaps are filled in. "
     "All training views of one sector of 60° around the object were held out, so that theirs tells "
-    "what the model makes of a side that it never saw. The angle is that between a view and the "
-    "nearest training view, seen from the point that the training views look at."
+    "how well the model shows a side that no training view shows. The angle is that between a view "
+    "and the nearest training view, seen from the point that the training views look at."
 )
 
 
@@ -176,12 +177,8 @@ def _test(meta) -> str:
 
 
 def _angles(meta) -> str:
-    if not (angles := meta.get("test_angles")):
-        return ""
-    return (
-        f", {angles['median']:.1f}° from the nearest training view (median, at most "
-        f"{angles['largest']:.1f}°)"
-    )
+    told = angles_told(meta.get("test_angles"))
+    return told and f", {told}"
 
 
 def _sector(scored: list[Scored]) -> list[str]:

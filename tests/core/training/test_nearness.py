@@ -8,6 +8,7 @@ from captures import look
 from image_datasets import from_images
 
 from deformrf.core.render import in_space, pinhole, rows_of_views
+from deformrf.core.training import angles_told
 from deformrf.core.training.data.sector import sector_of
 from deformrf.core.training.nearness import Nearness, median_and_largest
 
@@ -59,6 +60,24 @@ def test_without_training_views_around_a_point_there_are_no_angles(field, rows):
         rows = rows_of_views(np.tile(np.eye(4), (3, 1, 1)), [LENS] * 3)
     nearness = Nearness.of(replace(field, meta={"views": rows}), views(places([0.0])))
     assert nearness.angles is None and nearness.of_view(0) == {"angle": None}
+
+
+@pytest.mark.parametrize("kind", ["no camera", "left out"])
+def test_where_the_model_does_not_keep_all_views_there_are_no_angles(field, kind):
+    trained = trained_on(field, places(np.arange(0.0, 360.0, 30.0)))
+    rows = [list(row) for row in trained.meta["views"]]
+    meta = {"views": rows, "view_count": 12}
+    if kind == "no camera":
+        rows[0][0] += 1.0
+        del meta["view_count"]
+    else:
+        del rows[0]
+    assert Nearness.of(replace(field, meta=meta), views(places([0.0]))).angles is None
+
+
+def test_angles_are_told():
+    told = "4.0° from the nearest training view (median; at most 9.0°)"
+    assert angles_told({"median": 4.0, "largest": 9.0}) == told and angles_told(None) == ""
 
 
 def test_median_and_largest():
