@@ -23,6 +23,7 @@ from .isolation.isolating import (
     Stroke as Stroke,
     isolated as isolated,
     isolation_of as isolation_of,
+    isolations_of as isolations_of,
     kept_field as kept_field,
     left_out_in_words as left_out_in_words,
     without_flats as without_flats,

@@ -10,14 +10,16 @@ A run that learned surroundings applies *Isolate* by itself where it is sure.  I
 Shapes: N nodes of the matter's graph, C clicks.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..field import Isolated, Isolation, Stroke, TetField, isolated, isolation_of, kept_field
+from ..field import Isolated, Isolation, Stroke, TetField, isolated, isolations_of, kept_field
 
 CLICKS = 5  # cameras that click
 AGREE, MOST = 0.95, 0.6  # IoU of what two clicks single out; share of the clicks that agree
+LUCKS = 3  # times that flat parts are sought; which are found that are hardly flat is chance
 LEAST = 0.02  # of the matter, that goes at least
 STAYS = 0.25  # of the matter, that stays at least
 AT_BORDER = 0.1  # of what is at the border, that stays at most
@@ -47,12 +49,12 @@ def meant(field: TetField, poses: np.ndarray, place: np.ndarray) -> Meant | None
     """
     if not field.occupancy.any():
         return None
-    scene = isolation_of(field)
-    if not scene.border.any() and not scene.reasons.any():
+    scenes = isolations_of(field, LUCKS)
+    scene = scenes[0]
+    if not scene.border.any() and not any(one.reasons.any() for one in scenes):
         return None  # nothing goes on beyond it
     chosen = np.unique(np.linspace(0, len(poses) - 1, CLICKS).astype(int))
-    clicks = [click_of(scene, pose[:3, 3], place) for pose in poses[chosen]]
-    results = [isolated(scene, [Stroke(click[None], this=True)]) for click in clicks]
+    results = [narrowest(scenes, click_of(scene, pose[:3, 3], place)) for pose in poses[chosen]]
     result = agreed(scene, results)
     if result is None or not is_sure(scene, result):
         return None
@@ -72,6 +74,16 @@ def click_of(scene: Isolation, eye: np.ndarray, place: np.ndarray) -> np.ndarray
     away, nearest = cKDTree(solid).query(way)
     meets = np.flatnonzero(away < 0.75 * matter.edge)
     return solid[nearest[meets[0] if len(meets) else away.argmin()]]
+
+
+def narrowest(scenes: Sequence[Isolation], click: np.ndarray) -> Isolated:
+    """What a click [3] singles out with the flat parts by which it is parted at the least neck."""
+    results = [isolated(scene, [Stroke(click[None], this=True)]) for scene in scenes]
+    necks = [
+        (not is_sure(scene, result), figures(scene, result.kept)[2])
+        for scene, result in zip(scenes, results, strict=True)
+    ]
+    return results[min(range(len(results)), key=necks.__getitem__)]
 
 
 def agreed(scene: Isolation, results: list[Isolated]) -> Isolated | None:

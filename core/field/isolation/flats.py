@@ -67,9 +67,9 @@ class Flat:
         return places @ self.axes + self.plane.offset * self.plane.normal
 
 
-def flats_of(matter: SubtetGraph) -> list[Flat]:
-    """The flat parts, the one with the most matter first."""
-    rng = np.random.default_rng(0)
+def flats_of(matter: SubtetGraph, seed: int = 0) -> list[Flat]:
+    """The flat parts, the one with the most matter first; by chance which of those hardly flat."""
+    rng = np.random.default_rng(seed)
     opacity = 1.0 - np.exp(-matter.depths)
     total = float(opacity.sum())
     if total <= FEWEST:

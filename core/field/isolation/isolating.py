@@ -89,6 +89,12 @@ def isolation_of(field: TetField) -> Isolation:
     return isolation_of_graph(graph_of(field), box_of(field))
 
 
+def isolations_of(field: TetField, count: int) -> list[Isolation]:
+    """The same several times, each with its own luck in finding flat parts."""
+    matter, box = graph_of(field), box_of(field)
+    return [isolation_of_graph(matter, box, seed) for seed in range(count)]
+
+
 def box_of(field: TetField) -> np.ndarray:
     """The box at whose sides what was photographed goes on.  [2, 3]
 
@@ -139,9 +145,9 @@ def at_border(matter: SubtetGraph, opacity: np.ndarray, box: np.ndarray) -> np.n
     return border
 
 
-def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
-    """The same of matter in a box [2, 3]."""
-    flats = flats_of(matter)
+def isolation_of_graph(matter: SubtetGraph, box: np.ndarray, seed: int = 0) -> Isolation:
+    """The same of matter in a box [2, 3]; flat parts are found by chance, from `seed` on."""
+    flats = flats_of(matter, seed)
     opacity = 1.0 - np.exp(-matter.depths)
     a, b = matter.pairs.T
     away = ((matter.colors[a] - matter.colors[b]) ** 2).sum(axis=1)
