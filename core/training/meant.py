@@ -19,7 +19,7 @@ from ..field import Isolated, Isolation, Stroke, TetField, isolated, isolations_
 
 CLICKS = 5  # cameras that click
 AGREE, MOST = 0.95, 0.6  # IoU of what two clicks single out; share of the clicks that agree
-LUCKS = 3  # times that flat parts are sought; which are found that are hardly flat is chance
+SEEDS = 3  # that flat parts are sought with: each finds others of those that are hardly flat
 LEAST = 0.02  # of the matter, that goes at least
 STAYS = 0.25  # of the matter, that stays at least
 AT_BORDER = 0.1  # of what is at the border, that stays at most
@@ -49,7 +49,7 @@ def meant(field: TetField, poses: np.ndarray, place: np.ndarray) -> Meant | None
     """
     if not field.occupancy.any():
         return None
-    scenes = isolations_of(field, LUCKS)
+    scenes = isolations_of(field, SEEDS)
     scene = scenes[0]
     if not scene.border.any() and not any(one.reasons.any() for one in scenes):
         return None  # nothing goes on beyond it
@@ -77,7 +77,10 @@ def click_of(scene: Isolation, eye: np.ndarray, place: np.ndarray) -> np.ndarray
 
 
 def narrowest(scenes: Sequence[Isolation], click: np.ndarray) -> Isolated:
-    """What a click [3] singles out with the flat parts by which it is parted at the least neck."""
+    """What a click [3] singles out, in the scene where the cut has the least neck (`figures`).
+
+    A result that is not sure counts only if none is.
+    """
     results = [isolated(scene, [Stroke(click[None], this=True)]) for scene in scenes]
     necks = [
         (not is_sure(scene, result), figures(scene, result.kept)[2])

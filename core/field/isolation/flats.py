@@ -68,7 +68,10 @@ class Flat:
 
 
 def flats_of(matter: SubtetGraph, seed: int = 0) -> list[Flat]:
-    """The flat parts, the one with the most matter first; by chance which of those hardly flat."""
+    """The flat parts, the one with the most matter first.
+
+    Another seed draws other points, and may find others of those that are hardly flat.
+    """
     rng = np.random.default_rng(seed)
     opacity = 1.0 - np.exp(-matter.depths)
     total = float(opacity.sum())

@@ -90,7 +90,7 @@ def isolation_of(field: TetField) -> Isolation:
 
 
 def isolations_of(field: TetField, count: int) -> list[Isolation]:
-    """The same several times, each with its own luck in finding flat parts."""
+    """The same `count` times, with the flat parts of another seed each."""
     matter, box = graph_of(field), box_of(field)
     return [isolation_of_graph(matter, box, seed) for seed in range(count)]
 
@@ -146,7 +146,7 @@ def at_border(matter: SubtetGraph, opacity: np.ndarray, box: np.ndarray) -> np.n
 
 
 def isolation_of_graph(matter: SubtetGraph, box: np.ndarray, seed: int = 0) -> Isolation:
-    """The same of matter in a box [2, 3]; flat parts are found by chance, from `seed` on."""
+    """The same of matter in a box [2, 3]; `seed` is that of flats_of."""
     flats = flats_of(matter, seed)
     opacity = 1.0 - np.exp(-matter.depths)
     a, b = matter.pairs.T

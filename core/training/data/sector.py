@@ -27,7 +27,7 @@ from .views import AROUND, STEEP, directions_from, focus, offsets_from, up_of, w
 
 SECTOR = "sector"  # the split's name
 WIDTH = 60.0  # degrees
-LEAST = 3  # views in a sector; a score of fewer is one of chance
+LEAST = 3  # views in a sector; the mean score of fewer says little
 SAME = 1e-6  # degrees between azimuths that are equal but for rounding
 
 
@@ -105,7 +105,7 @@ def is_within(azimuths, begin: float) -> np.ndarray:
 
 
 def find_sector(folder: str | Path, outside: bool = False) -> Sector:
-    """The sector to hold out of the training views of a data set, by their cameras alone.
+    """The sector to hold out of the training views of a data set.  Images are not read.
 
     Args:
         outside: As of load_dataset.
