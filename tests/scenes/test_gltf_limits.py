@@ -2,12 +2,11 @@
 
 import copy
 import json
-import tracemalloc
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from gltf_files import make_bar
+from peak_memory import peak_memory
 
 from deformrf.wings.rig import read_gltf
 from deformrf.wings.rig.gltf_file import MOST_NUMBERS
@@ -32,15 +31,14 @@ def read(tmp_path):
     return save_and_read
 
 
-@contextmanager
-def little_memory():
-    """Fails if the block takes more than MOST_MEMORY."""
-    tracemalloc.start()
-    try:
-        yield
-        assert tracemalloc.get_traced_memory()[1] < MOST_MEMORY
-    finally:
-        tracemalloc.stop()
+def refused(read, bar, words):
+    """That a file is refused with these words, in little memory."""
+
+    def once():
+        with pytest.raises(ValueError, match=words):
+            read(bar)
+
+    assert peak_memory(once) < MOST_MEMORY
 
 
 def many_clips(file, count, key_count):
@@ -69,8 +67,7 @@ def test_clips_that_share_keys_are_the_same(bar, read):
 def test_keys_that_many_channels_share_have_a_limit_in_all(bar, read):
     many_clips(bar, 1000, 100_000)
     sentence = "numbers in their keys; export fewer clips or keys"
-    with little_memory(), pytest.raises(ValueError, match=sentence):
-        read(bar)
+    refused(read, bar, sentence)
 
 
 def test_a_clip_that_moves_a_bone_again_and_again_is_refused_before_its_keys_are_made(bar, read):
@@ -142,8 +139,7 @@ def test_points_and_triangles_that_many_meshes_share_have_limits(bar, read):
             read(bar)
     wide = bar.add(np.zeros(300_000, "<u2"), "SCALAR")
     bar.parts["meshes"][0]["primitives"] = [primitive | {"indices": wide}] * 100
-    with little_memory(), pytest.raises(ValueError, match="its skin has 10000000 triangles"):
-        read(bar)
+    refused(read, bar, "its skin has 10000000 triangles")
 
 
 def test_points_times_bones_have_a_limit(bar, read):
@@ -157,8 +153,7 @@ def test_points_times_bones_have_a_limit(bar, read):
     }
     bar.parts["meshes"][0]["primitives"] = [{"attributes": attributes}]
     sentence = "60000 points and 1002 bones; simplify it"
-    with little_memory(), pytest.raises(ValueError, match=sentence):
-        read(bar)
+    refused(read, bar, sentence)
 
 
 @pytest.mark.parametrize(
@@ -276,8 +271,7 @@ def test_sparse_values_that_a_few_bytes_declare_are_counted(bar, read):
     bar.parts["animations"][0]["samplers"][0]["output"] = len(bar.parts["accessors"])
     bar.parts["accessors"] += [entry]
     sentence = "more than 8388608 numbers; export fewer parts or clips"
-    with little_memory(), pytest.raises(ValueError, match=sentence):
-        read(bar)
+    refused(read, bar, sentence)
 
 
 def test_other_skins_are_told(bar, read):
