@@ -23,10 +23,10 @@ from .isolation.isolating import (
     Stroke as Stroke,
     isolated as isolated,
     isolation_of as isolation_of,
-    isolations_of as isolations_of,
     kept_field as kept_field,
     left_out_in_words as left_out_in_words,
     without_flats as without_flats,
+    neck_of as neck_of,
 )
 from .levels import (
     below_pixel as below_pixel,

@@ -10,18 +10,24 @@ A run that learned surroundings applies *Isolate* by itself where it is sure.  I
 Shapes: N nodes of the matter's graph, C clicks.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..field import Isolated, Isolation, Stroke, TetField, isolated, isolations_of, kept_field
+from ..field import (
+    Isolated,
+    Isolation,
+    Stroke,
+    TetField,
+    isolated,
+    isolation_of,
+    kept_field,
+    neck_of,
+)
 
 CLICKS = 5  # cameras that click
 AGREE, MOST = 0.95, 0.6  # IoU of what two clicks single out; share of the clicks that agree
-SEEDS = 3  # that flat parts are sought with: each finds others of those that are hardly flat
-LEAST = 0.02  # of the matter, that goes at least
-STAYS = 0.25  # of the matter, that stays at least
+STAYS, LEAST = 0.25, 0.02  # of the matter, that stays at least; that goes at least
 AT_BORDER = 0.1  # of what is at the border, that stays at most
 NECK = 1.5  # ties that are cut, over the root of the smaller side's matter
 
@@ -49,12 +55,12 @@ def meant(field: TetField, poses: np.ndarray, place: np.ndarray) -> Meant | None
     """
     if not field.occupancy.any():
         return None
-    scenes = isolations_of(field, SEEDS)
-    scene = scenes[0]
-    if not scene.border.any() and not any(one.reasons.any() for one in scenes):
+    scene = isolation_of(field)
+    if not scene.border.any() and not any(part.reason for draw in scene.draws for part in draw):
         return None  # nothing goes on beyond it
     chosen = np.unique(np.linspace(0, len(poses) - 1, CLICKS).astype(int))
-    results = [narrowest(scenes, click_of(scene, pose[:3, 3], place)) for pose in poses[chosen]]
+    clicks = [click_of(scene, pose[:3, 3], place) for pose in poses[chosen]]
+    results = [isolated(scene, [Stroke(click[None], this=True)]) for click in clicks]
     result = agreed(scene, results)
     if result is None or not is_sure(scene, result):
         return None
@@ -76,19 +82,6 @@ def click_of(scene: Isolation, eye: np.ndarray, place: np.ndarray) -> np.ndarray
     return solid[nearest[meets[0] if len(meets) else away.argmin()]]
 
 
-def narrowest(scenes: Sequence[Isolation], click: np.ndarray) -> Isolated:
-    """What a click [3] singles out, in the scene where the cut has the least neck (`figures`).
-
-    A result that is not sure counts only if none is.
-    """
-    results = [isolated(scene, [Stroke(click[None], this=True)]) for scene in scenes]
-    necks = [
-        (not is_sure(scene, result), figures(scene, result.kept)[2])
-        for scene, result in zip(scenes, results, strict=True)
-    ]
-    return results[min(range(len(results)), key=necks.__getitem__)]
-
-
 def agreed(scene: Isolation, results: list[Isolated]) -> Isolated | None:
     """The result that agrees with the most of the others; None if these are too few."""
     weights = scene.weights
@@ -105,22 +98,14 @@ def alike(weights: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
     return float(weights[one & other].sum() / max(weights[one | other].sum(), 1e-30))
 
 
-def figures(scene: Isolation, kept: np.ndarray) -> tuple[float, float, float]:
-    """Of what stays: its share of the matter and of what is at the border; and the neck."""
-    weights, matter = scene.weights, scene.matter
-    share = weights[kept].sum() / weights.sum()
-    border = weights[scene.border].sum()
-    at_border = weights[scene.border & kept].sum() / max(border, 1e-30)
-    parted = kept[matter.pairs].sum(axis=1) == 1
-    smaller = min(weights[kept].sum(), weights[~kept].sum())
-    neck = scene.ties[parted].sum() / np.sqrt(max(smaller, 1e-30))
-    return float(share), float(at_border), float(neck)
-
-
 def is_sure(scene: Isolation, result: Isolated) -> bool:
     """Whether what stays is a thing of its own, and what goes isn't."""
     gone = ~result.kept
     if not (result.left_out or (scene.border & gone).any()):
         return False
-    share, at_border, neck = figures(scene, result.kept)
+    weights, kept = scene.weights, result.kept
+    share = weights[kept].sum() / weights.sum()
+    at_border = weights[scene.border & kept].sum()
+    at_border /= max(weights[scene.border].sum(), 1e-30)
+    neck = neck_of(scene, kept)
     return STAYS <= share <= 1.0 - LEAST and at_border <= AT_BORDER and neck <= NECK

@@ -2,7 +2,7 @@
 
     this, not this   what the strokes say: sub-tets near their points are held on one side
     surroundings     flat parts that go on beyond the object, and what lies on them in a layer
-    rest             matter that is neither; `minimum_cut` (cutting.py) parts it
+    rest             matter that is neither; `near_minimum_cut` (cutting.py) parts it
 
 The rules have no lengths but the edge of a sub-tet, and no sizes but shares.
 
@@ -17,11 +17,12 @@ import numpy as np
 
 from ..field import TetField
 from ..reduction import nearer_to_matter, reduced
-from .cutting import minimum_cut
-from .flats import Flat, flats_of
+from .cutting import near_minimum_cut
 from .subtet_graph import SubtetGraph, graph_of
-from .surroundings import BORDER, NONE, goes_on, in_hull, layer_on, on_flat, share_an_edge, shell_of
+from .surroundings import NONE, FlatPart, flat_parts_of, layer_on, what_goes
 
+DRAWS = 3  # of points, that flat parts are sought among: each finds others of the hardly flat
+LEAST = 0.02  # of all matter, that a neck parts at least
 SEED = 0.75  # around a stroke's points, that is held [edges]
 MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
 BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that counts
@@ -55,9 +56,7 @@ class Isolation:
 
     matter: SubtetGraph
     box: np.ndarray  # [2, 3], see `box_of`
-    flats: list[Flat]
-    over: list[np.ndarray]  # F x [N] bool: what lies over or under the hull of each
-    reasons: np.ndarray  # [F] int, why they go on: see surroundings.py
+    draws: list[list[FlatPart]]  # as several draws of points find them
     border: np.ndarray  # [N] bool: solid, and at the border of the box: it goes on outside
     opacity: np.ndarray  # [N] of a sub-tet, 0..1
     ties: np.ndarray  # [E] what it costs to part pairs
@@ -70,6 +69,11 @@ class Isolation:
         """How much matter there is, over that of an opaque sub-tet.  [N]"""
         return self.opacity * self.matter.volumes / self.matter.volumes.mean()
 
+    def cut(self, pulls, held, pairs=slice(None)) -> np.ndarray:
+        """Which sub-tets are kept by a cut, as `near_minimum_cut`; pairs: those that are tied."""
+        ties = self.matter.pairs[pairs], self.ties[pairs]
+        return near_minimum_cut(pulls, *ties, held, self.matter.groups)
+
 
 @dataclass(frozen=True)
 class Isolated:
@@ -77,22 +81,16 @@ class Isolated:
 
     Attributes:
         kept: Which sub-tets are the object's.  [N] bool
-        left_out: The flat parts that were taken for surroundings, as indices of Isolation.flats.
+        left_out: The flat parts that were taken for surroundings.
     """
 
     kept: np.ndarray
-    left_out: tuple[int, ...]
+    left_out: tuple[FlatPart, ...]
 
 
 def isolation_of(field: TetField) -> Isolation:
     """What strokes need of a field; takes seconds."""
     return isolation_of_graph(graph_of(field), box_of(field))
-
-
-def isolations_of(field: TetField, count: int) -> list[Isolation]:
-    """The same `count` times, with the flat parts of another seed each."""
-    matter, box = graph_of(field), box_of(field)
-    return [isolation_of_graph(matter, box, seed) for seed in range(count)]
 
 
 def box_of(field: TetField) -> np.ndarray:
@@ -145,9 +143,8 @@ def at_border(matter: SubtetGraph, opacity: np.ndarray, box: np.ndarray) -> np.n
     return border
 
 
-def isolation_of_graph(matter: SubtetGraph, box: np.ndarray, seed: int = 0) -> Isolation:
-    """The same of matter in a box [2, 3]; `seed` is that of flats_of."""
-    flats = flats_of(matter, seed)
+def isolation_of_graph(matter: SubtetGraph, box: np.ndarray) -> Isolation:
+    """The same of matter in a box [2, 3]."""
     opacity = 1.0 - np.exp(-matter.depths)
     a, b = matter.pairs.T
     away = ((matter.colors[a] - matter.colors[b]) ** 2).sum(axis=1)
@@ -159,9 +156,7 @@ def isolation_of_graph(matter: SubtetGraph, box: np.ndarray, seed: int = 0) -> I
     return Isolation(
         matter,
         box,
-        flats,
-        [in_hull(flat, matter.middles) for flat in flats],
-        goes_on(flats, box),
+        [flat_parts_of(matter, box, seed) for seed in range(DRAWS)],
         at_border(matter, opacity, box),
         opacity,
         matter.areas * solid * (UNLIKE + likeness),
@@ -182,12 +177,12 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
     told = np.zeros(len(matter.tets), int)  # the last stroke counts
     for stroke, ids in zip(strokes, near, strict=True):
         told[ids] = 1 if stroke.this else -1
-    left_out = surroundings_of(scene, strokes)
     place = np.concatenate([s.points for s in strokes if s.this]).mean(axis=0)
-    follows_from = np.packbits(told > 0).tobytes(), place.tobytes(), tuple(left_out)
+    named = [what_goes(draw, matter, strokes) for draw in scene.draws]
+    follows_from = np.packbits(told > 0).tobytes(), place.tobytes(), named
     if scene.last.get("from") != follows_from:  # the same for each stroke "not this"
-        scene.last["kept"] = {(): without_surroundings(scene, place, told > 0, left_out)}
-        scene.last["from"] = follows_from
+        first = at_narrowest_neck(scene, place, told > 0, named)
+        scene.last.update({"from": follows_from, "kept": {(): first.kept}, "first": first})
     kept, done, held = scene.last["kept"], (), np.maximum(told, 0)
     for stroke, ids in zip(strokes, near, strict=True):
         if stroke.this:
@@ -198,35 +193,82 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
         if done not in kept:  # what earlier strokes took away is known
             kept[done] = kept[before] & ~piece_at(scene, stroke, ids, kept[before], held)
     left = kept[done] & (told >= 0)
-    return Isolated(left & joined_to(matter, told > 0, left), tuple(left_out))
+    return Isolated(left & joined_to(matter, told > 0, left), scene.last["first"].left_out)
 
 
 def without_flats(scene: Isolation) -> Isolated:
     """What is left without the flat parts that go on beyond the object, before any stroke."""
-    left_out = surroundings_of(scene, ())
-    kept = np.ones(len(scene.matter.tets), bool)
-    for number in left_out:
-        kept &= ~shell_of(scene.flats[number], scene.matter, scene.over[number])
-    return Isolated(kept, tuple(left_out))
+    results = []
+    for draw in scene.draws:
+        left_out = tuple(part for part in draw if part.reason != NONE)
+        kept = np.ones(len(scene.matter.tets), bool)
+        for part in left_out:
+            kept &= ~part.shell(scene.matter)
+        results.append(Isolated(kept, left_out))
+    return min(results, key=lambda result: neck_of(scene, result.kept))
 
 
-def without_surroundings(scene: Isolation, place, ours, left_out) -> np.ndarray:
-    """What strokes that say "this" single out from surroundings.  [N] bool
+def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
+    """What strokes that say "this" single out from surroundings.
+
+    Which flat parts are found that are hardly flat is chance.  A wrong one cuts the object, and
+    leaves a wide neck.  So of several draws the one counts that is parted at the narrowest.
+
+    A block that the object leans on doesn't reach the border.  If a side of it is cut off, all of
+    it hangs on the object by a neck that is much narrower still.  No side of the object leaves such
+    a neck, so the sides of all draws are tried.
 
     Args:
         place: The middle of these strokes.  [3]
         ours: What they hold.  [N] bool
-        left_out: Flat parts that are surroundings.
+        named: Of each draw, its parts that go, and those that may: see what_goes.
     """
-    matter, held = scene.matter, np.where(ours, 1, 0)
+    results = [
+        Isolated(without_surroundings(scene, place, ours, goes), tuple(goes)) for goes, _ in named
+    ]
+    necks = [neck_of(scene, result.kept) for result in results]
+    least = int(np.argmin(necks))
+    first, neck = results[least], SURER * necks[least]
+    best = first
+    for part in (part for _, may_go in named for part in may_go if np.isfinite(neck)):
+        kept, _ = parted_from(scene, place, ours, [part], first.kept)
+        if neck_of(scene, kept) < neck:
+            best, neck = Isolated(kept, (*first.left_out, part)), neck_of(scene, kept)
+    return best
+
+
+def neck_of(scene: Isolation, kept: np.ndarray) -> float:
+    """How much what is kept is tied to the rest: the ties, over the root of the smaller side's
+    matter, which of a shell has no scale.  Infinite if one side has hardly any matter.
+    """
+    weights = scene.weights
+    parted = kept[scene.matter.pairs].sum(axis=1) == 1
+    smaller = min(weights[kept].sum(), weights[~kept].sum())
+    if smaller <= LEAST * weights.sum():
+        return np.inf
+    return float(scene.ties[parted].sum() / np.sqrt(smaller))
+
+
+def parted_from(scene: Isolation, place, ours, parts, among):
+    """What of some sub-tets [N] bool stays if flat parts go, and what lies on these in a layer.
+
+    [N] bool each; place, ours: as in `at_narrowest_neck`.
+    """
+    matter, held = scene.matter, np.where(among, np.where(ours, 1, 0), -1)
     layers = np.zeros(len(held), bool)
-    for number in left_out:
-        flat, over = scene.flats[number], scene.over[number]
-        held[shell_of(flat, matter, over) & ~ours] = -1
-        layers |= layer_on(flat, matter, over, place)
+    for part in parts:
+        held[part.shell(matter) & ~ours] = -1
+        layers |= layer_on(part.flat, matter, part.over, place)
     held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
-    evidence = np.where(layers, -LAYER, BY_DEFAULT)
-    kept = minimum_cut(evidence * scene.weights, matter.pairs, scene.ties, held)
+    return scene.cut(np.where(layers, -LAYER, BY_DEFAULT) * scene.weights, held), layers
+
+
+def without_surroundings(scene: Isolation, place, ours, goes) -> np.ndarray:
+    """What stays if flat parts go, and what is joined to the border rather than to strokes that say
+    "this".  [N] bool
+    """
+    matter = scene.matter
+    kept, layers = parted_from(scene, place, ours, goes, np.ones(len(ours), bool))
     outside = scene.border & ~ours & kept
     if not outside.any():
         return kept
@@ -240,7 +282,7 @@ def without_surroundings(scene: Isolation, place, ours, left_out) -> np.ndarray:
         told = float((abs(like) * scene.weights)[kept].sum() / scene.weights[kept].sum())
         near = nearness(one, (OUTER if told > TOLD else 1.0) * other)
         pulls = np.where(layers, -LAYER, BY_DEFAULT + COLOR * like + BORDER_NEAR * near)
-        alone = minimum_cut(pulls * scene.weights, matter.pairs, scene.ties, held)
+        alone = scene.cut(pulls * scene.weights, held)
         alone &= joined_to(matter, ours, alone)
     return alone
 
@@ -300,7 +342,7 @@ def piece_at(scene: Isolation, stroke, ids, kept, told) -> np.ndarray:
         held = np.where(free, 0, np.where(kept, 1, -1))
         held[own] = -1
         inner = kept[matter.pairs].all(axis=1)
-        taken = kept & ~minimum_cut(pulls, matter.pairs[inner], scene.ties[inner], held)
+        taken = kept & ~scene.cut(pulls, held, inner)
         parted = taken[matter.pairs[inner]].sum(axis=1) == 1
         cost = scene.ties[inner][parted].sum()
         cost += COLOR * (np.maximum(like, 0.0) * weights)[taken].sum()
@@ -327,29 +369,6 @@ def ids_near(matter: SubtetGraph, stroke: Stroke) -> np.ndarray:
     tree, points = matter.tree, np.asarray(stroke.points, float)
     around = tree.query_ball_point(points, max(stroke.radius, SEED * matter.edge))
     return np.unique(np.concatenate([*map(np.int64, around), tree.query(points)[1]]))
-
-
-def surroundings_of(scene: Isolation, strokes) -> list[int]:
-    """The flat parts that are surroundings, by themselves or because a stroke says so."""
-    flats, matter = scene.flats, scene.matter
-    ours, others = set(), set()
-    for stroke in strokes:
-        for number, flat in enumerate(flats):
-            if on_flat(flat, matter, stroke.points).mean() > 0.5:
-                (ours if stroke.this else others).add(number)
-    while True:  # sides of a box
-        more = {
-            number
-            for number, flat in enumerate(flats)
-            if number not in ours | others
-            and scene.reasons[number] != BORDER
-            and any(share_an_edge(flat, flats[k]) for k in ours)
-        }
-        if not more:
-            break
-        ours |= more
-    found = set(np.flatnonzero(scene.reasons != NONE).tolist())
-    return sorted((found | others) - ours)
 
 
 def joined_to(matter: SubtetGraph, to: np.ndarray, among: np.ndarray) -> np.ndarray:

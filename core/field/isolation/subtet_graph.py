@@ -52,6 +52,11 @@ class SubtetGraph:
         """The edge of a regular tet of the mean volume."""
         return float(np.cbrt(6.0 * np.sqrt(2.0) * self.volumes.mean()))
 
+    @cached_property
+    def groups(self) -> np.ndarray:
+        """A number for each, the same in all of a child, or of a tet if children are taken.  [N]"""
+        return 8 * self.tets + self.subtets // 8
+
     def masks(self, chosen: np.ndarray) -> np.ndarray:
         """Some of them [N] bool as masks of the field's tets, empty sub-tets of a child as well.
 

@@ -12,9 +12,11 @@ above, may go.
 Shapes: N occupied sub-tets, n points, F flat parts.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from .flats import FOG, Flat
+from .flats import FOG, Flat, flats_of
 from .subtet_graph import SubtetGraph
 
 WIDE = 0.5  # of a part's width, along which it reaches the border or stands on another
@@ -22,6 +24,53 @@ ENDS = 0.15  # of a part's area that may lie behind an edge at which it ends
 CLEAR = 1.5  # of what is on a plane, to its front [edges]
 LOW, ABOVE, ASIDE = 3.0, 6.0, 1.5  # of a layer; where something carries it; beside it [edges]
 NONE, BORDER, STANDING = 0, 1, 2  # why a part goes on
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPart:
+    """A flat part and what it has to do with the rest.
+
+    Attributes:
+        over: What lies over or under its hull.  [N] bool
+        reason: Why it goes on beyond the object, or NONE.
+    """
+
+    flat: Flat
+    over: np.ndarray
+    reason: int
+
+    def shell(self, matter: SubtetGraph) -> np.ndarray:
+        """Which matter is in its shell.  [N] bool"""
+        heights = self.flat.plane.height(matter.middles)
+        return self.over & (abs(heights) < CLEAR * matter.edge)
+
+
+def flat_parts_of(matter: SubtetGraph, box: np.ndarray, seed: int) -> list[FlatPart]:
+    """Those of matter in a box [2, 3]; seed: of `flats_of`."""
+    flats = flats_of(matter, seed)
+    return [
+        FlatPart(flat, in_hull(flat, matter.middles), int(reason))
+        for flat, reason in zip(flats, goes_on(flats, box), strict=True)
+    ]
+
+
+def what_goes(parts: list[FlatPart], matter: SubtetGraph, strokes):
+    """The parts that go, since they reach the border or a stroke says so, and those that may."""
+    ours, others = set(), set()
+    for stroke in strokes:
+        on_it = {p for p in parts if on_flat(p.flat, matter, stroke.points).mean() > 0.5}
+        (ours if stroke.this else others).update(on_it)
+    while True:  # sides of a box
+        more = {
+            part
+            for part in set(parts) - ours - others
+            if part.reason != BORDER and any(share_an_edge(part.flat, k.flat) for k in ours)
+        }
+        if not more:
+            break
+        ours |= more
+    goes = [p for p in parts if p not in ours and (p in others or p.reason == BORDER)]
+    return goes, [p for p in parts if p not in ours and p not in goes]
 
 
 def goes_on(flats: list[Flat], box: np.ndarray) -> np.ndarray:
@@ -100,11 +149,6 @@ def in_hull(flat: Flat, points: np.ndarray, slack: float = 0.0) -> np.ndarray:
 def on_flat(flat: Flat, matter: SubtetGraph, points: np.ndarray) -> np.ndarray:
     """Whether points [n, 3] lie on a part itself.  [n] bool"""
     return (abs(flat.plane.height(points)) < CLEAR * matter.edge) & flat.covers(points)
-
-
-def shell_of(flat: Flat, matter: SubtetGraph, over: np.ndarray) -> np.ndarray:
-    """Which matter is in the part's shell, of what lies `over` its hull [N] bool.  [N] bool"""
-    return over & (abs(flat.plane.height(matter.middles)) < CLEAR * matter.edge)
 
 
 def layer_on(flat: Flat, matter: SubtetGraph, over: np.ndarray, place: np.ndarray) -> np.ndarray:

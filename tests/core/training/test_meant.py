@@ -32,7 +32,7 @@ def meant_of(monkeypatch):
 
     def find(inside, colors=None, poses=None, place=MIDDLE, box=CUBE):
         scene = isolation_of_graph(matter_where(inside, colors, spacing=0.06), box)
-        monkeypatch.setattr(meaning, "isolations_of", lambda field, count: [scene] * count)
+        monkeypatch.setattr(meaning, "isolation_of", lambda field: scene)
         monkeypatch.setattr(meaning, "kept_field", lambda field, scene, result: result.kept)
         occupied = SimpleNamespace(occupancy=np.ones(scene.matter.tet_count, np.uint64))
         found = meant(occupied, cameras(place) if poses is None else poses, place)
@@ -98,16 +98,3 @@ def test_what_is_parted_through_its_middle_is_not_sure():
     assert not is_sure(scene, Isolated(middles[:, 2] > 0.45, ()))  # the neck is wide
     assert not is_sure(scene, Isolated(BEAM(middles), ()))  # what stays goes on
     assert not is_sure(scene, Isolated(np.ones(len(middles), bool), ()))
-
-
-def test_of_lucky_and_unlucky_flat_parts_those_with_the_least_neck_count(monkeypatch):
-    scene = isolation_of_graph(matter_where(any_of(TOY, BEAM)), CUBE)
-    unlucky, lucky = replace(scene), replace(scene)
-    some = np.arange(len(scene.opacity)) % 2 == 0  # parted everywhere
-    toy = TOY(scene.matter.middles)
-    found = {id(unlucky): Isolated(some, ()), id(lucky): Isolated(toy, ())}
-    monkeypatch.setattr(meaning, "isolated", lambda scene, strokes: found[id(scene)])
-    monkeypatch.setattr(meaning, "is_sure", lambda scene, result: True)
-    click = np.zeros(3)
-    assert meaning.narrowest([unlucky, lucky], click) is found[id(lucky)]
-    assert meaning.narrowest([lucky, unlucky], click) is found[id(lucky)]

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from deformrf.core.field.isolation.cutting import WHOLE, minimum_cut
+from deformrf.core.field.isolation.cutting import WHOLE, minimum_cut, near_minimum_cut
 
 
 def cost(kept, pulls, pairs, ties):
@@ -61,3 +61,33 @@ def test_without_pulls_and_ties_only_what_is_held_is_kept():
     held = np.array([1, 0, -1, 0])
     pairs = np.zeros((0, 2), int)
     np.testing.assert_array_equal(minimum_cut(np.zeros(4), pairs, np.zeros(0), held), held > 0)
+
+
+def chains(rng, length=40, group=5):
+    """Chains that lie side by side, each tied to the next: pairs, pulls, ties, held and groups."""
+    numbers = np.arange(length * length).reshape(length, length)
+    along = np.stack([numbers[:, :-1].ravel(), numbers[:, 1:].ravel()], axis=1)
+    pairs = np.concatenate([along, np.stack([numbers[:-1].ravel(), numbers[1:].ravel()], axis=1)])
+    held = np.zeros((length, length), int)
+    held[:, 0], held[:, -1] = 1, -1
+    row, column = np.indices((length, length)) // group
+    ties = rng.uniform(0.5, 1.0, len(pairs))
+    return pairs, np.zeros(length**2), ties, held.ravel(), (row * length + column).ravel()
+
+
+def test_a_cut_by_groups_costs_little_more_than_the_least():
+    pairs, pulls, ties, held, groups = chains(np.random.default_rng())
+    least = cost(minimum_cut(pulls, pairs, ties, held), pulls, pairs, ties)
+    kept = near_minimum_cut(pulls, pairs, ties, held, groups)
+    assert kept[held > 0].all() and not kept[held < 0].any()
+    assert cost(kept, pulls, pairs, ties) < 1.1 * least
+    each = near_minimum_cut(pulls, pairs, ties, held, np.arange(len(held)))
+    assert cost(each, pulls, pairs, ties) <= least + len(pairs) / WHOLE
+
+
+def test_a_cut_by_groups_moves_to_a_neck_within_a_group():
+    pairs, pulls, ties, held, groups = chains(np.random.default_rng())
+    ties[((pairs % 40 > 13) & (pairs % 40 < 21)).all(axis=1)] *= 0.5  # a group has 15 to 19
+    ties[(pairs % 40 == 17).any(axis=1) & (pairs % 40 == 18).any(axis=1)] = 0.01
+    kept = near_minimum_cut(pulls, pairs, ties, held, groups)
+    np.testing.assert_array_equal(kept, np.arange(len(held)) % 40 <= 17)

@@ -1,5 +1,7 @@
 """What a click and strokes single out of made-up solids, for which the answer is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from solids import any_of, ball, matter_where, slab
@@ -14,6 +16,7 @@ from deformrf.core.field import (
     without_flats,
 )
 from deformrf.core.field.isolation.isolating import box_of, isolation_of_graph, joined_to
+from deformrf.core.geometry import Plane
 
 NOWHERE = np.array([[-np.inf] * 3, [np.inf] * 3])  # nothing goes on outside
 CUBE = np.array([[0.0] * 3, [1.0] * 3])
@@ -63,6 +66,44 @@ def test_one_click_keeps_a_ball_on_a_floor_without_the_floor():
     before = without_flats(scene)  # any click
     assert before.left_out == result.left_out
     assert iou(before.kept, above) > 0.95
+
+
+def leaning():
+    """A ball on a floor that leans on a block, no side of which reaches the floor."""
+    floor, toy = slab((0, 0, 0), (1, 1, WALL)), ball((0.3, 0.5, 0.323), 0.25, WALL)
+    outer, inner = (
+        slab((0.54, 0.2, 0.3), (0.86, 0.8, 0.9)),
+        slab((0.61, 0.27, 0.37), (0.79, 0.73, 0.83)),
+    )
+
+    def foot(points):
+        return (np.linalg.norm(points[:, :2] - [0.73, 0.5], axis=1) < 0.17) & (points[:, 2] < 0.31)
+
+    block = any_of(lambda points: outer(points) & ~inner(points), foot)
+    return scene_of(any_of(floor, toy, block), box=CUBE, spacing=0.05), toy
+
+
+def test_one_click_keeps_a_ball_without_the_block_that_it_leans_on():
+    scene, toy = leaning()
+    is_toy = toy(scene.matter.middles) & (scene.matter.middles[:, 2] > WALL)
+    result = isolated(scene, [stroke((0.1, 0.5, 0.3))])
+    assert iou(result.kept, is_toy) > 0.9
+    assert len(result.left_out) == 2  # the floor and a side of the block
+
+
+def test_of_lucky_and_unlucky_flat_parts_those_with_the_least_neck_count():
+    floor, toy = slab((0, 0, 0), (1, 1, WALL)), ball((0.5, 0.5, 0.33), 0.27)
+    scene = scene_of(any_of(floor, toy), box=CUBE, spacing=0.05)
+    lucky = next(draw for draw in scene.draws if draw)
+    plane = Plane(np.array([0.0, 0.0, 1.0]), 0.33)  # cuts the ball in two
+    unlucky = [*lucky, replace(lucky[0], flat=replace(lucky[0].flat, plane=plane))]
+    clicks = [stroke((0.5, 0.23, 0.5))]
+    results = [
+        isolated(replace(scene, draws=draws, last={}), clicks)
+        for draws in ([lucky], [unlucky], [unlucky, lucky], [lucky, unlucky])
+    ]
+    kept = [scene.weights[result.kept].sum() for result in results]
+    assert kept[1] < 0.7 * kept[0] and kept[2] == kept[3] == kept[0]
 
 
 def test_a_click_on_the_floor_keeps_the_floor():

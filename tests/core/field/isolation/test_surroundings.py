@@ -8,11 +8,10 @@ from deformrf.core.field.isolation.surroundings import (
     BORDER,
     NONE,
     STANDING,
+    flat_parts_of,
     goes_on,
-    in_hull,
     layer_on,
     share_an_edge,
-    shell_of,
 )
 
 CUBE = np.array([[0.0] * 3, [1.0] * 3])
@@ -45,10 +44,9 @@ def test_nothing_goes_on_of_a_box_in_the_air_and_its_sides_share_edges():
 def test_a_cloth_on_the_floor_is_a_layer_and_a_ball_is_none():
     cloth, toy = slab((0.1, 0.1, 0.06), (0.35, 0.9, 0.1)), ball((0.65, 0.5, 0.3), 0.24)
     matter = matter_where(any_of(FLOOR, cloth, toy), spacing=0.05)
-    floor = flats_of(matter)[0]
-    over = in_hull(floor, matter.middles)
-    layer = layer_on(floor, matter, over, np.array([0.65, 0.5, 0.5]))
-    gone = layer | shell_of(floor, matter, over)
+    floor = flat_parts_of(matter, CUBE, 0)[0]
+    layer = layer_on(floor.flat, matter, floor.over, np.array([0.65, 0.5, 0.5]))
+    gone = layer | floor.shell(matter)
     x, _, z = matter.middles.T
     assert gone[(x < 0.35) & (z < 0.1)].mean() > 0.9
     assert not gone[z > 0.2].any()
