@@ -11,6 +11,7 @@ from ..geometry import (
     extract,
     face_components,
     fill_enclosed,
+    located,
     signed_volumes,
     tet_neighbours,
 )
@@ -23,6 +24,7 @@ FOG = 0.1  # optical depth across a sub-tet; a tet without more is fog
 # SPUR: the fewest tets of a spur.  CORNER: the most occupied sub-tets of a tet that matter only
 # touches; what goes through a tet takes four.
 SPUR, CORNER = 16, 2
+POINTS = 2  # of surfaces, in a tet that is kept for them
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
 # object's only if something thick is ABOVE it, up to ASIDE beside it.
 CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
@@ -35,12 +37,18 @@ def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
     return mesh if inside.all() else extract(mesh, inside)[0]
 
 
-def kept_mesh(field: TrainingField, ground: Plane | None = None) -> TetMesh:
+def kept_mesh(
+    field: TrainingField, ground: Plane | None = None, points: np.ndarray | None = None
+) -> TetMesh:
     """The tets of stage 2: occupied, their neighbours, enclosed; no floaters.
+
+    Few steps before busy surroundings don't show all that is thin.  Tets that hold points of
+    surfaces count as occupied.
 
     Args:
         ground: What the object stands on, if that was found.  It closes the object, whose
             underside no image shows.
+        points: Of surfaces, in model space, which were found with the cameras.  [n, 3]
 
     Raises:
         DatasetError: Nothing is occupied.
@@ -52,11 +60,25 @@ def kept_mesh(field: TrainingField, ground: Plane | None = None) -> TetMesh:
             "stage 1 found nothing: it had too few --steps, or the object doesn't lie in the "
             "scene box (--scene-radius is half the box's edge)"
         )
+    if points is not None:
+        occupied |= points_in(mesh, neighbours, points) >= POINTS
     keep = solid(occupied, neighbours, closed_by(mesh, ground))
     labels = face_components(neighbours, keep)
     sizes = np.bincount(labels[occupied])  # neighbours would make six times as much of a speck
     keep[keep] = sizes[labels[keep]] >= SMALLEST_COMPONENT * occupied.sum()
     return extract(mesh, keep)[0]
+
+
+def points_in(mesh: TetMesh, neighbours, points: np.ndarray) -> np.ndarray:
+    """How many of some points [n, 3] each tet holds.  [T]"""
+    from scipy.spatial import cKDTree
+
+    points = np.asarray(points, float)
+    low, high = mesh.rest_vertices.min(axis=0), mesh.rest_vertices.max(axis=0)
+    points = points[((points >= low) & (points <= high)).all(axis=1)]  # none that isn't finite
+    nearest = cKDTree(mesh.rest_vertices[mesh.tets].mean(axis=1)).query(points)[1]
+    tets, weights = located(mesh, neighbours, nearest, points)
+    return np.bincount(tets[weights.min(axis=1) > -1e-6], minlength=mesh.tet_count)
 
 
 def closed_by(mesh: TetMesh, ground: Plane | None):

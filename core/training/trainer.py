@@ -230,6 +230,12 @@ class _Run:
         """What the object that was found stands on, where the field has it now."""
         return self.found and ground_under(self.found, self.field, self.bank, self.workers)
 
+    def _points(self):
+        """Points of what was found and what is around it, in model space; None without any."""
+        if not self.found or self.dataset.points is None:
+            return None
+        return self.dataset.points @ self.world_to_model[:3, :3].T + self.world_to_model[:3, 3]
+
     def _train_coarse(self, mesh) -> TetMesh:
         """Stage 1; the tets that it keeps."""
         self._train_stage(1, mesh, stages.coarse_options(self.options), self.options.coarse_steps)
@@ -241,7 +247,7 @@ class _Run:
         self.exposure = photographs.needed_exposure(self.exposure, self.report, self.workers)
         self.report["stage_1_seconds"] = self._seconds()
         self.report["stage_1_tet_count"] = mesh.tet_count
-        return kept_mesh(self.field, self._ground())
+        return kept_mesh(self.field, self._ground(), self._points())
 
     def _train_fine(self, mesh) -> str | None:
         """Stage 2; a sentence if a single worker lacks the memory to hide what no image sees."""

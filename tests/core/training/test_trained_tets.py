@@ -39,6 +39,29 @@ def test_floaters_are_measured_by_what_is_seen_of_them(share, stays):
     assert count > 5 and more > 1.3 * count if stays else more == 0
 
 
+def test_tets_that_hold_points_of_surfaces_are_kept():
+    stage = TrainingField(a15_grid(0.08), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    middles = stage.mesh.rest_vertices[stage.mesh.tets].mean(axis=1)
+    stage.occupied[:] = False
+    stage.occupied[np.flatnonzero(middles[:, 0] < 0.3)] = True
+    arm, lonely = (
+        np.abs(middles - place).sum(axis=1).argmin() for place in ([0.44, 0.5, 0.5], [0.8] * 3)
+    )
+    corners = stage.mesh.rest_vertices[stage.mesh.tets]
+    inside = np.random.default_rng().dirichlet(np.ones(4), 5) @ corners[arm]
+    beside = [[np.nan, 0.5, 0.5], [7.0, 0.5, 0.5]]
+    points = np.concatenate([inside, corners[lonely].mean(axis=0)[None], beside])
+
+    def holds(mesh, place):
+        return (
+            np.linalg.norm(mesh.rest_vertices[mesh.tets].mean(axis=1) - place, axis=1).min() < 1e-6
+        )
+
+    without, mesh = trained_tets.kept_mesh(stage), trained_tets.kept_mesh(stage, points=points)
+    assert not holds(without, middles[arm]) and holds(mesh, middles[arm])
+    assert not holds(mesh, middles[lonely])  # a single point may be wrong
+
+
 @pytest.fixture(scope="module")
 def scene():
     """A hollow column on a table, a mug cut by the box's side, a speck; the column's middle."""
