@@ -335,12 +335,15 @@ class App:
 
     def _draw_marks(self, camera):
         """Draw what goes and stays, and what no photograph saw."""
-        clips, mark = clip_range(self.scene.viewpoint.orbit), self.mark_layer.draw_marks
-        mark(camera, clips, self.controls.tools["isolate"].marks)
+        found = [self.controls.tools["isolate"].marks]
         if self.scene.settings.show_photographed:
-            mark(camera, clips, self.photographed.marks(camera))
+            found.append(self.photographed.marks(camera))
         else:
             self.photographed.leave()
+        for marks in found:
+            if marks is not None:
+                clips = clip_range(self.scene.viewpoint.orbit)
+                self.mark_layer.draw_marks(camera, clips, marks)
 
     def _record_view(self):
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""

@@ -30,7 +30,7 @@ from ..geometry import morton_order
 from .cpu_tiles import TileMemory, Tiles
 from .overlap.merging import PieceMerger
 from .overlap.search import Overlap
-from .rays.approach import ball_around, begin_at_ball, is_far, moved_aside
+from .rays.approach import ball_around, begin_at_ball, moved_aside
 from .rays.camera import Camera, camera_rays, camera_rays_kernel, device_camera
 from .rays.marching import empty_rays
 from .rays.pose import Pose
@@ -157,7 +157,8 @@ class Renderer:
         self.merger = PieceMerger(self.pose, self.shading)
         self.host_rounds = HostRounds(self.pose, self.shading)
         self._wavefront = self._windows = None
-        self._pool = None if self.device.is_cuda else ThreadPoolExecutor(thread_count())
+        self._threads = thread_count()
+        self._pool = None if self.device.is_cuda else ThreadPoolExecutor(self._threads)
         self._memories = local()  # of the pool's threads
 
     def _fill_geometry(self):
@@ -319,10 +320,9 @@ class Renderer:
         seen, vertices = device_camera(camera), self.pose.vertices.numpy()
         faces = bounding_rectangles(camera, vertices.astype(float), self.pose.boundary_faces)
         rectangles = wp.array(faces, dtype=wp.vec4i, device="cpu")
-        ball = ball_around(vertices)
-        ball = ball if is_far(camera.position, ball) else None
+        ball = ball_around(vertices, camera.position)
         work, row_limit = row_work(camera, faces), max(CPU_TILE_RAYS // camera.width, 1)
-        starts = _tile_starts(work, rows, row_limit)
+        starts = _tile_starts(work, rows, row_limit, self._threads)
         starts = camera.width * np.array(starts, np.int32)
         capacity = int(np.diff(starts).max(initial=0))
         plain = ball is None and options.path != "merge" and self.stage.seconds is None
@@ -360,7 +360,7 @@ class Renderer:
 
         self.pose.refresh_face_boxes()  # the search may, and rays read them
         used = -(-(len(tiles.starts) - 1) // CPU_TILES_PER_THREAD)
-        running = list(map(self._pool.submit, [render_some] * min(used, thread_count())))
+        running = list(map(self._pool.submit, [render_some] * min(used, self._threads)))
         try:
             self.overlap.exists()
         finally:
@@ -429,7 +429,7 @@ class Renderer:
         return self._wavefront
 
 
-def _tile_starts(row_work, rows, row_limit):
+def _tile_starts(row_work, rows, row_limit, most_threads):
     """Rows that tiles with about as much work begin at, and the last tile's end.
 
     There are so many that equal ones would have at most `row_limit` rows.
@@ -437,7 +437,7 @@ def _tile_starts(row_work, rows, row_limit):
     first, last = rows
     done = np.concatenate([[0.0], row_work[first:last].cumsum()])
     # n threads take about n THREAD_COST + work/n.
-    threads = min(thread_count(), max((done[-1] / THREAD_COST) ** 0.5 // 1, 1.0))
+    threads = min(most_threads, max((done[-1] / THREAD_COST) ** 0.5 // 1, 1.0))
     count = CPU_TILES_PER_THREAD * threads
     count = max(count, np.ceil(done[-1] / CPU_TILE_WORK), np.ceil((last - first) / row_limit), 1.0)
     starts = np.searchsorted(done, done[-1] * np.arange(1, count) / count)

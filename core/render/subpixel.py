@@ -27,7 +27,9 @@ def shift(k: int) -> tuple[float, float]:
 
 
 def shifted(camera: Camera, k: int) -> Camera:
-    """The camera of image k."""
+    """The camera of image k; of the first one, the same."""
+    if k == 0:
+        return camera
     (x, y), (cx, cy) = shift(k), camera.lens.center
     return replace(camera, lens=replace(camera.lens, center=(cx - x, cy - y)))
 

@@ -47,15 +47,15 @@ def set_uniforms(program: moderngl.Program, **values) -> None:
         if isinstance(value, np.ndarray):
             value = tuple(value.T.ravel().tolist())  # OpenGL stores columns
         if name not in kept or kept[name] != value:
-            if (uniform := program.get(name, None)) is not None:
-                _set_uniform(program, uniform, value)
+            uniform = program.get(name, None)
+            if uniform is not None and uniform.gl_type == SAMPLER_BUFFER:
+                _set_buffer(program, uniform, value)
+            elif uniform is not None:
+                uniform.value = value
             kept[name] = value
 
 
-def _set_uniform(program, uniform, value):
-    if uniform.gl_type != SAMPLER_BUFFER:
-        uniform.value = value
-        return
+def _set_buffer(program, uniform, value):
     from pyglet import gl
 
     gl.glUseProgram(program.glo)

@@ -135,21 +135,14 @@ class GroundPlane:
         self._shadow = None
         self._seen = None  # pose, what is left, and height of the shadow
 
-    @property
-    def _height(self) -> float | None:
-        """Of the ground that is drawn; None: there is none."""
-        standing, settings = self._standing, self._standing.settings
-        ground = standing.solver.options.ground
-        if ground is not None:
-            return ground if settings.show_ground else None
-        rests = settings.show_floor and standing.stands and standing.held
-        return standing.floor if rests else None
-
     def uniforms(self, unit: int) -> dict:
-        """What the shader takes, with the shadow's texture in that unit."""
-        standing, cuts = self._standing, self._standing.cuts
-        height = self._height
+        """What the shader takes, with the shadow's texture in that unit; nothing without ground."""
+        standing, cuts, settings = self._standing, self._standing.cuts, self._standing.settings
+        height, shows = standing.solver.options.ground, settings.show_ground
         if height is None:
+            height, shows = standing.floor, settings.show_floor
+            shows = shows and standing.stands and standing.held
+        if not shows:
             return {}
         if self._middles is None or self._seen[1] != cuts.revision:
             self._middles = occupied_middles(cuts.field)

@@ -22,9 +22,7 @@ class MarkLayer(Spheres):
         self._ctx = ctx
 
     def draw_marks(self, camera, clip_range, marks) -> None:
-        """Draw places [n, 3] with tints [n, 3] and one radius, n at most MOST; or None."""
-        if marks is None:
-            return
+        """Draw places [n, 3] with tints [n, 3] and one radius, n at most MOST."""
         self.write(mark_instances(*marks, camera.position))
         self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
         gl.blend_over(self._ctx)

@@ -87,7 +87,7 @@ class Photographed:
 
     def leave(self) -> None:
         """Give up what is being found out, with its renderer: `work` begins anew."""
-        if self.busy:
+        if self._work is not None:
             self._revision = self._work = None
 
     @property

@@ -139,7 +139,7 @@ class Isolate(Tool):
     @property
     def told(self) -> str:
         """What is to be done, and what the colors mean."""
-        if not self._is_in_hand:
+        if self.scene.settings.tool != self.name:
             return ""
         if self.busy and time.monotonic() - self._since > SLOW:
             seconds = f"{time.monotonic() - self._since:.0f} s"
@@ -172,19 +172,19 @@ class Isolate(Tool):
         places = np.einsum("nk,nkx->nx", matter.weights[solid], positions[corners])
         return places, np.where(kept[solid, None], OURS, OTHERS), 0.4 * matter.edge
 
-    @property
-    def _is_in_hand(self):
-        return self.scene.settings.tool == self.name
-
     def _follow(self):
         """Take what the thread has found out, and give it what is to be found out next."""
-        revision = self.scene.cuts.revision
-        if self._is_in_hand and self.busy and self._work.done():
+        revision, settings = self.scene.cuts.revision, self.scene.settings
+        if settings.tool == self.name and self.busy and self._work.done():
             work, self._work = self._work, None
             self._take(work, *self._asked)
-        if not self._is_in_hand or (self._answered or (revision,))[0] != revision:
+        if settings.tool != self.name:
+            if self.strokes or self._undone or self._answered:
+                self.forget()
+            return
+        if self._answered and self._answered[0] != revision:
             self.forget()
-        if not self._is_in_hand or self.busy:
+        if self.busy:
             return
         # The thread holds neither tool nor scene: another model may be shown before it ends.
         if self._isolation_of != revision:

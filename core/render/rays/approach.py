@@ -22,17 +22,18 @@ FAR = 8.0  # radii of the ball around the mesh, from its center
 GAP = 0.05  # of a radius: rays begin that far before the ball
 
 
-def ball_around(vertices):
-    """Center and radius of a ball around positions [V, 3]; None if one of them is infinite."""
+def ball_around(vertices, origin=None):
+    """Center and radius of a ball around positions [V, 3], at which rays begin.
+
+    None if a position is infinite, or if an origin [3] of all rays is given that isn't far.
+    """
     low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
     if not np.isfinite([low, high]).all():
         return None
-    return 0.5 * (low + high), 0.5 * np.linalg.norm(high - low)
-
-
-def is_far(origin, ball) -> bool:
-    """Whether rays from there begin at the ball."""
-    return ball is not None and np.linalg.norm(np.asarray(origin) - ball[0]) > FAR * ball[1]
+    center, radius = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low)
+    if origin is not None and np.linalg.norm(np.asarray(origin) - center) <= FAR * radius:
+        return None
+    return center, radius
 
 
 def is_parallel(directions):

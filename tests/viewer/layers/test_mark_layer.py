@@ -34,8 +34,6 @@ def test_marks_show_where_they_are(ball, window):
     canvas, layer = Canvas(context), MarkLayer(context)
     canvas.use(SIZE)
     context.clear(0, 0, 0, 1, depth=1.0)
-    layer.draw_marks(camera, clips, None)
-    assert not canvas.read()[..., :3].any()
     layer.draw_marks(camera, clips, (places, np.array([BLUE, ORANGE]), 0.02))
     image = canvas.read().astype(int)
     (blue, orange), _ = picking.project(camera, places)
