@@ -1,6 +1,6 @@
 // The features of some samples, on a CPU: `encode` of core/definition with the lanes of a vector side by
 // side.  Bodies of functions include this text (native.py) after lanes.h, with the names samples,
-// tables, table, words and hashed_start (of a NativeBytes).
+// tables, table, words, hashed_start and byte_level (of a NativeShading).
 //
 // First the entries and weights of a level are found for all samples, and fetched from memory
 // while those of the next level are found; then the entries are mixed.
@@ -75,9 +75,9 @@ auto find_corners = [&](const Places& at, int level, Corners found, int first) {
 };
 
 // The corners of a level of all samples, whose entries are on their way from memory.  Entries are
-// places in `words`, or in `table` if there are no words.
+// places in `words`, or in `table` if the level is coarser than those in bytes.
 auto find_all = [&](const Places* places, int count, int level, Corners found) {
-    const bool dense = level < tables.dense_level_count, in_bytes = words.shape[0] > 0;
+    const bool dense = level < tables.dense_level_count, in_bytes = level >= byte_level;
     const int start = (in_bytes && dense ? 0 : tables.entry_starts.data[level])
         + (in_bytes && !dense ? hashed_start : 0);
     const int* const ids = tables.node_ids.data;
@@ -157,7 +157,7 @@ auto encode = [&](const int* slots, int count, int level_count, Places* places,
         if (level + 1 < level_count) find_all(places, count, level + 1, corners[(level + 1) & 1]);
         const Corners& at = corners[level & 1];
         float* const of_level = x + 4 * level * step;
-        if (words.shape[0] > 0)
+        if (level >= byte_level)
             mix_bytes(at, count, of_level, step);
         else
             mix_floats(at, count, of_level, step);

@@ -13,7 +13,7 @@ const auto& counts = round.counts;
 const auto& tables = shading.tables;
 const auto& table = shading.table;
 const auto& words = shading.words;
-const int hashed_start = shading.hashed_start;
+const int hashed_start = shading.hashed_start, byte_level = shading.byte_level;
 const auto& networks = shading.networks;
 const auto& scratch = shading.scratch;
 const int level_count = shading.level_count;

@@ -55,8 +55,9 @@ class NativeShading:
     rotations: wp.array(dtype=wp.mat33)  # [T] Q
     tables: Tables
     table: wp.array(dtype=wp.vec4)
-    words: wp.array(dtype=int)  # of a ByteTable, or none: then `table` is read
+    words: wp.array(dtype=int)  # of a ByteTable, or none
     hashed_start: int
+    byte_level: int  # from which level on `words` are read; of others, `table`
     networks: NativeNetworks
     level_count: int
     has_directions: int  # 0: colors do not depend on them
@@ -161,11 +162,11 @@ class CpuShader:
         self._shading, self._field = shading, shading.field
         field = self._field
         self._words, self._hashed_start = wp.empty(0, dtype=int, device="cpu"), 0
-        layers = field.density_layers
+        self._byte_level, layers = field.layout.level_count, field.density_layers
         found = table_in_bytes(field.layout, field.table) if field.entry_bits == 8 else None
         if found:
             self._words = wp.array(found.words, dtype=int, device="cpu")
-            self._hashed_start = found.hashed_start
+            self._hashed_start, self._byte_level = found.hashed_start, found.first_level
             (weights, bias), *others = layers
             layers = (found.scales[:, None] * weights, bias), *others
         self._networks = native_networks(layers, field.color_layers)
@@ -175,7 +176,7 @@ class CpuShader:
         native, exact = NativeShading(), options.conformance
         native.rotations, native.tables = self._shading.rotations, self._shading.tables
         native.table, native.words = self._shading.table, self._words
-        native.hashed_start = self._hashed_start
+        native.hashed_start, native.byte_level = self._hashed_start, self._byte_level
         native.networks = self._networks
         native.level_count = options.level_count or self._field.layout.level_count
         native.has_directions = int(self._field.options.view_dependence)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.field import modelfile, table_in_bytes
-from deformrf.core.field.packing import quantize
+from deformrf.core.field.packing import quantize, wide_levels
+from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
 
 
@@ -43,9 +44,28 @@ def test_other_tables_are_not_rounded(make_ball_field):
     assert table_in_bytes(field.layout, field.table) is None
     stepped = in_steps(field)
     table = stepped.table.copy()
-    table[0, 0] += 0.3 * np.abs(table[:, 0]).max() / 127
-    assert table_in_bytes(field.layout, stepped.table) is not None
+    step = 0.3 * np.abs(table[:, 0]).max() / 127
+    table[0, 0] += step
+    assert table_in_bytes(field.layout, stepped.table).first_level == 0
+    assert table_in_bytes(field.layout, table).first_level == 1
+    table[-1, 0] += step
     assert table_in_bytes(field.layout, table) is None
+
+
+def test_a_file_of_8_bits_has_its_coarsest_levels_in_16(make_ball_field, tmp_path):
+    field = make_ball_field(3)
+    modelfile.save(field, tmp_path / "m.npz", entry_bits=8)
+    loaded, layout = modelfile.load(tmp_path / "m.npz"), field.layout
+    reached = reached_entries(field.mesh, layout, field.occupancy)
+    wide = wide_levels(layout, reached)
+    end = layout.offsets[wide]
+    assert 0 < wide < layout.level_count and loaded.entry_bits == 8
+    assert reached[:end].sum() <= reached.sum() / 16 < reached[: layout.offsets[wide + 1]].sum()
+    read = reached.nonzero()[0]
+    error = np.abs(loaded.table - field.table)[read].max(axis=1)
+    assert error[read < end].max() <= 2.0**-11 * np.abs(field.table[:end]).max()
+    assert error[read >= end].max() > 10.0 * error[read < end].max()
+    assert table_in_bytes(layout, loaded.table).first_level == wide
 
 
 @pytest.mark.parametrize("fold", [0.0, 1.0])
