@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from ..core import field as fields
-from ..core.base.arguments import Arg, Folder, Model, plain_message, writable_file
+from ..core.base.arguments import Arg, File, Folder, Model, plain_message, writable_file
 from ..core.base.device import Choice, device_name
 from ..core.base.paths import DEFAULT_MODEL
 from ..core.base.streams import printable
@@ -31,6 +31,7 @@ SECONDS = {  # full on two CPU cores, on one H100, quick on the one and on the o
     "training": (1, 1, 1, 1),
     "stability": (28, 24, 16, 10),
     "left out": (60, 40, 20, 18),
+    "another": (8, 2, 3, 1),
 }
 GROWING = ("dynamics", "stability")  # with the number of tets
 LONG = 150  # seconds: what takes longer is told in minutes
@@ -51,6 +52,9 @@ class ReportArguments:
     """Read images of --data that lie outside its folder, too."""
     device: Choice = "auto"
     """Where the work is done; auto, the default, takes CUDA if there is any."""
+    compare: Annotated[File, Arg("MODEL")] = None
+    """Another model of the same object, as one that was trained with --leave-out ray-color: what it
+    differs in, scores, time and size."""
     quick: bool = False
     """Fewer settings, pixels and repeats: 5,000 tets take under two minutes on two CPU cores."""
 
@@ -76,8 +80,9 @@ def prepare(arguments: ReportArguments) -> Callable[[], int]:
     device = device_name(arguments.device)
     effort = EFFORTS[device == "cpu", arguments.quick]
     photos = photographs_for(field, arguments.data, effort, arguments.outside_images)
+    other = other_model(arguments, effort)
     writable_file(arguments.output / "report.html", ".html")
-    jobs = plan(field, arguments, device, effort, photos)
+    jobs = plan(field, arguments, device, effort, photos, other)
     return lambda: report(field, arguments, device, jobs)
 
 
@@ -153,9 +158,17 @@ def photographs_for(field, data, effort: Effort, outside=False):
     return photographs(field, dataset, effort.photo_pixels)
 
 
-def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos) -> list[Job]:
-    """The sections to measure."""
-    from ..wings.lab import training
+def other_model(arguments: ReportArguments, effort: Effort):
+    """The model of --compare, and its photographs as `photographs_for`; None without one."""
+    if arguments.compare is None:
+        return None
+    field = fields.load(arguments.compare)
+    return field, photographs_for(field, arguments.data, effort, arguments.outside_images)
+
+
+def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos, other):
+    """The Jobs of the sections to measure; `other`: see other_model."""
+    from ..wings.lab import another, training
     from ..wings.lab.dynamics import section as dynamics
     from ..wings.lab.omissions import section as omissions
     from ..wings.lab.rendering import section as rendering
@@ -169,6 +182,11 @@ def plan(field, arguments: ReportArguments, device: str, effort: Effort, photos)
         "stability": lambda step: stability.section(field, device, quick, step),
         "left out": lambda step: omissions.section(field, model, device, effort, step),
     }
+    if other is not None:
+        models = [(field, model), (other[0], arguments.compare)]
+        sections["another"] = lambda step: another.section(
+            models, device, effort, [photos, other[1]]
+        )
     size, column = max(field.mesh.tet_count / TETS, 0.2), 2 * quick + (device != "cpu")
     return [
         Job(title, SECONDS[title][column] * (size if title in GROWING else 1.0), section)

@@ -271,6 +271,23 @@ def test_errors_are_sentences(call, tmp_path, ball, ball_file):
     assert no_data.code == INPUT_ERROR and "nothing" in no_data.err
 
 
+def test_another_model_is_compared(ball_file, make_ball_field, tmp_path, monkeypatch):
+    field = replace(make_ball_field(5), meta={"options": {"leave_out": ["ray-color"]}})
+    modelfile.save(field, tmp_path / "samples.npz")
+    monkeypatch.setitem(EFFORTS, (True, True), LEAST)
+    arguments = command.ReportArguments(
+        ball_file, tmp_path / "r", device="cpu", quick=True, compare=tmp_path / "samples.npz"
+    )
+    effort, ball = EFFORTS[True, True], modelfile.load(ball_file)
+    other = command.other_model(arguments, effort)
+    jobs = command.plan(ball, arguments, "cpu", effort, None, other)
+    assert jobs[-1].title == "another"
+    monkeypatch.setattr(command, "plan", lambda *_: jobs[-1:])
+    assert command.prepare(arguments)() == 0
+    text = (tmp_path / "r" / "report.md").read_text()
+    assert "trained without ray-color" in text and "samples" in text
+
+
 def test_photographs_are_compared(ball, ball_file, write_dataset, tmp_path):
     """Those of white paper: far from the ball, but measured."""
     from PIL import Image
