@@ -102,7 +102,7 @@ class TrainArguments:
     blur-weights (blurred photographs count like others)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file, keeps the few numbers of coarse
-    levels in 16, and costs about 0.01 dB."""
+    levels in 16, and costs less than 0.01 dB."""
     object_size: Meters = None
     """The object's longest side [m], which the model states: the viewer's material and gravity
     follow it. By default one model unit, about the width of the box, is 1 m."""

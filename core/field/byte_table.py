@@ -15,9 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from .layout import FEATURES, Layout, node_table
-from .packing import quantize
-
-EXACT = 1e-4  # of a scale: roundings of float32
+from .packing import in_steps, quantize
 
 
 @dataclass(frozen=True)
@@ -45,10 +43,9 @@ def table_in_bytes(layout: Layout, table: np.ndarray) -> ByteTable | None:
     assert table.shape[1] == FEATURES == 4, "a word has four bytes"
     integers, scales, first_level = np.zeros(table.shape, np.int8), [], 0
     for level, (first, end) in enumerate(pairwise(layout.offsets)):
-        of_level, scale = quantize(table[first:end])
-        if (np.abs(of_level * scale - table[first:end]) > EXACT * scale).any():
+        integers[first:end], scale = quantize(table[first:end])
+        if not in_steps(table[first:end]):
             first_level = level + 1
-        integers[first:end] = of_level
         scales.append(scale)
     if first_level == layout.level_count:
         return None

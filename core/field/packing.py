@@ -36,6 +36,7 @@ from .layout import FEATURES, MOST_ENTRIES, Layout
 ENTRY_BITS = (8, 16)
 ENTRY_TYPES = (np.float16, np.int8)
 LARGEST_INT8 = 127
+EXACT = 1e-4  # of a scale: roundings of float32
 WIDE_SHARE = 1 / 16  # of all stored entries, that may be float16 among int8
 STIFFNESS_RANGE = 1e-3, 1e3
 LARGEST_SCALE = 1e3  # values then reach as far as float16's
@@ -82,8 +83,12 @@ def unpack_mesh(arrays, spacing, level_count: int):
     return TetMesh(rest_vertices, addresses, tets), occupancy
 
 
-def pack_tables(table, layout: Layout, reached, entry_bits=16):
+def pack_tables(table, layout: Layout, reached, entry_bits=16, wide: int | None = None):
     """The arrays of a table [entries, F] of which `reached` [entries] is stored.
+
+    Args:
+        wide: How many coarse levels stay float16 among int8, unless int8 holds them exactly; by
+            default `wide_levels`.
 
     Raises:
         ValueError: entry_bits is neither 16 nor 8.
@@ -91,15 +96,19 @@ def pack_tables(table, layout: Layout, reached, entry_bits=16):
     if entry_bits not in ENTRY_BITS:
         raise ValueError(f"the entries can't have {entry_bits} bits; give 8 or 16")
     arrays, offsets = {}, layout.offsets
-    wide = layout.level_count if entry_bits == 16 else wide_levels(layout, reached)
+    if entry_bits == 16:
+        wide = layout.level_count
+    elif wide is None:
+        wide = wide_levels(layout, reached)
     for level, entry_count in enumerate(layout.entry_counts):
         entries = slice(offsets[level], offsets[level + 1])
         values, kept = table[entries], reached[entries]
         bits = np.packbits(kept)
-        if (entry_count - kept.sum()) * FEATURES * entry_bits // 8 > len(bits):
+        is_wide = level < wide and not (entry_bits == 8 and in_steps(values[kept]))
+        if (entry_count - kept.sum()) * FEATURES * (1 + is_wide) > len(bits):
             arrays[f"reached_{level}"] = bits
             values = values[kept]
-        if level < wide:
+        if is_wide:
             arrays[f"table_{level}"] = values.astype(np.float16)
         else:
             arrays[f"table_{level}"], arrays[f"scale_{level}"] = quantize(values)
@@ -163,9 +172,8 @@ def unpack_tables(arrays, layout: Layout):
 
 
 def stored_bits(arrays, level_count: int) -> int:
-    """Of the numbers in the file's tables: 8 if any table has so few."""
-    kinds = {arrays[f"table_{level}"].dtype for level in range(level_count)}
-    return 8 if np.dtype(np.int8) in kinds else 16
+    """Of the numbers in the file's tables: those of the finest level, which has the most."""
+    return 8 if arrays[f"table_{level_count - 1}"].dtype == np.int8 else 16
 
 
 def pack_layers(name, layers, half=False) -> dict:
@@ -232,6 +240,12 @@ def quantize(values):
     scale = (np.abs(values).max(axis=0, initial=0.0) / LARGEST_INT8).astype(np.float32)
     divisor = np.where(scale > 0.0, scale, np.float32(1.0))
     return np.rint(values / divisor).astype(np.int8), scale
+
+
+def in_steps(values) -> bool:
+    """Whether all values [n, F] are integers times the scale of `quantize`, but for roundings."""
+    integers, scale = quantize(values)
+    return not (np.abs(integers * scale - values) > EXACT * scale).any()
 
 
 def _shortened(integers):

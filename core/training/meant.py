@@ -101,7 +101,8 @@ def alike(weights: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
 def is_sure(scene: Isolation, result: Isolated) -> bool:
     """Whether what stays is a thing of its own, and what goes isn't."""
     gone = ~result.kept
-    if not (result.left_out or (scene.border & gone).any()):
+    goes_on = any(part.reason for part in result.left_out)
+    if not (goes_on or (scene.border & gone).any()):
         return False
     weights, kept = scene.weights, result.kept
     share = weights[kept].sum() / weights.sum()

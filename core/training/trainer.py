@@ -48,6 +48,7 @@ UNSEEN_WEIGHT = 1e-3  # a sub-tet in which no sample weighs as much is hidden
 COARSE_UNSEEN_WEIGHT = 2e-2  # after stage 1, whose empty space is still a thin fog
 COARSE_LOOK, FINE_LOOK = 4, 16  # rays that look for it, over the samples of a step
 CHECKPOINT_SECONDS = 60.0
+MOST_POINTS = 200_000  # of surfaces, that tets are kept for
 
 
 @dataclass(frozen=True)
@@ -231,10 +232,13 @@ class _Run:
         return self.found and ground_under(self.found, self.field, self.bank, self.workers)
 
     def _points(self):
-        """Points of what was found and what is around it, in model space; None without any."""
+        """Points in the box that was found, in model space; None without any."""
         if not self.found or self.dataset.points is None:
             return None
-        return self.dataset.points @ self.world_to_model[:3, :3].T + self.world_to_model[:3, 3]
+        turn, shift = self.world_to_model[:3, :3], self.world_to_model[:3, 3]
+        points = self.dataset.points @ turn.T + shift
+        inside = ((points > self.found.box[0]) & (points < self.found.box[1])).all(axis=1)
+        return points[inside][:MOST_POINTS]
 
     def _train_coarse(self, mesh) -> TetMesh:
         """Stage 1; the tets that it keeps."""

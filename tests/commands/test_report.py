@@ -285,7 +285,7 @@ def test_another_model_is_compared(ball_file, make_ball_field, tmp_path, monkeyp
     monkeypatch.setattr(command, "plan", lambda *_: jobs[-1:])
     assert command.prepare(arguments)() == 0
     text = (tmp_path / "r" / "report.md").read_text()
-    assert "trained without ray-color" in text and "samples" in text
+    assert "all parts but ray-color" in text and "samples" in text
 
 
 def test_photographs_are_compared(ball, ball_file, write_dataset, tmp_path):

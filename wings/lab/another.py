@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from ...core.base.streams import printable
 from ...core.field import TetField
 from ...core.render import Renderer, RenderOptions
+from ...core.training import LEAVE_OUT
 from .effort import Effort
 from .rendering.pictures import PhotoPixels, photo_psnr, views
 from .report.contents import Section, Table
@@ -75,10 +77,11 @@ def section(
 
 def row(field: TetField, path, renderer, frame: Spread, photos) -> Compared:
     """What is known of a model, with the time of a frame and its pixels of photographs."""
-    options = field.meta.get("options") or {}
+    told = (field.meta.get("options") or {}).get("leave_out")
+    words = [word for word in LEAVE_OUT if isinstance(told, list) and word in told]
     return Compared(
-        which=Path(path).stem,
-        left_out=", ".join(options.get("leave_out") or ()) or "nothing",
+        which=printable(Path(path).stem),
+        left_out=", ".join(words) or "–",
         color="ray" if field.options.deferred else "sample",
         photographs=photo_psnr(photos, renderer, WHITE) if photos else None,
         tested=(field.meta.get("test_mean") or {}).get("psnr"),
@@ -99,7 +102,9 @@ def finding(own: Compared, other: Compared) -> str:
     times = other.frame.median / max(own.frame.median, 1e-9)
     facts.append(f"{times:.2f} times the time of a frame")
     facts.append(f"{other.megabytes / own.megabytes:.2f} times the file")
-    return (
-        f"{other.which} (trained without {other.left_out}, one color a {other.color}), against "
-        f"{own.which} (without {own.left_out}, one color a {own.color}): {', '.join(facts)}."
-    )
+    return f"{_told(other)}, against {_told(own)}: {', '.join(facts)}."
+
+
+def _told(model: Compared) -> str:
+    parts = "all parts" if model.left_out == "–" else f"all parts but {model.left_out}"
+    return f"{model.which} (trained with {parts}, one color a {model.color})"

@@ -23,6 +23,7 @@ from .surroundings import NONE, FlatPart, flat_parts_of, layer_on, what_goes
 
 DRAWS = 3  # of points, that flat parts are sought among: each finds others of the hardly flat
 LEAST = 0.02  # of all matter, that a neck parts at least
+STANDS = 0.1  # of its ties to a block, that an object which leans on it has to the rest
 SEED = 0.75  # around a stroke's points, that is held [edges]
 MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
 BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that counts
@@ -197,7 +198,10 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
 
 
 def without_flats(scene: Isolation) -> Isolated:
-    """What is left without the flat parts that go on beyond the object, before any stroke."""
+    """What is left without the flat parts that go on beyond the object, before any stroke.
+
+    Of the draws that have some, or haven't, as most have.
+    """
     results = []
     for draw in scene.draws:
         left_out = tuple(part for part in draw if part.reason != NONE)
@@ -205,6 +209,8 @@ def without_flats(scene: Isolation) -> Isolated:
         for part in left_out:
             kept &= ~part.shell(scene.matter)
         results.append(Isolated(kept, left_out))
+    most = 2 * sum(bool(result.left_out) for result in results) > len(results)
+    results = [result for result in results if bool(result.left_out) == most]
     return min(results, key=lambda result: neck_of(scene, result.kept))
 
 
@@ -215,8 +221,9 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
     leaves a wide neck.  So of several draws the one counts that is parted at the narrowest.
 
     A block that the object leans on doesn't reach the border.  If a side of it is cut off, all of
-    it hangs on the object by a neck that is much narrower still.  No side of the object leaves such
-    a neck, so the sides of all draws are tried.
+    it hangs on the object by a neck that is much narrower still, so the other flat parts of all
+    draws are tried.  A head may hang on its body by such a neck, but it doesn't stand on what goes
+    by itself.
 
     Args:
         place: The middle of these strokes.  [3]
@@ -229,12 +236,26 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
     necks = [neck_of(scene, result.kept) for result in results]
     least = int(np.argmin(necks))
     first, neck = results[least], SURER * necks[least]
+    if not np.isfinite(neck):
+        return first
     best = first
-    for part in (part for _, may_go in named for part in may_go if np.isfinite(neck)):
+    for part in (part for _, may_go in named for part in may_go):
         kept, _ = parted_from(scene, place, ours, [part], first.kept)
-        if neck_of(scene, kept) < neck:
-            best, neck = Isolated(kept, (*first.left_out, part)), neck_of(scene, kept)
+        its_neck = neck_of(scene, kept)
+        if its_neck < neck and (part.reason != NONE or stands_alone(scene, kept, first.kept)):
+            best, neck = Isolated(kept, (*first.left_out, part)), its_neck
     return best
+
+
+def stands_alone(scene: Isolation, kept: np.ndarray, before: np.ndarray) -> bool:
+    """Whether what is kept is tied to what had gone before, and not only to what goes now.
+
+    [N] bool each; what is kept was kept before.
+    """
+    pairs, ties = scene.matter.pairs, scene.ties
+    parted = kept[pairs].sum(axis=1) == 1
+    inner = before[pairs].all(axis=1)
+    return bool(ties[parted & ~inner].sum() > STANDS * ties[parted & inner].sum())
 
 
 def neck_of(scene: Isolation, kept: np.ndarray) -> float:
@@ -260,7 +281,8 @@ def parted_from(scene: Isolation, place, ours, parts, among):
         held[part.shell(matter) & ~ours] = -1
         layers |= layer_on(part.flat, matter, part.over, place)
     held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
-    return scene.cut(np.where(layers, -LAYER, BY_DEFAULT) * scene.weights, held), layers
+    kept = scene.cut(np.where(layers, -LAYER, BY_DEFAULT) * scene.weights, held)
+    return kept & joined_to(matter, ours, kept), layers
 
 
 def without_surroundings(scene: Isolation, place, ours, goes) -> np.ndarray:
@@ -430,7 +452,7 @@ def left_out_in_words(scene: Isolation, result: Isolated, where=True) -> str:
     if where and solid.any():
         low, high = np.percentile(matter.middles[solid], [1, 99], axis=0)
         text += " (in the box " + " ".join(f"{v:.3g}" for v in (*low, *high)) + ")"
-    if count := len(result.left_out):
+    if count := sum(part.reason != NONE for part in result.left_out):
         parts = "a flat part that goes" if count == 1 else f"{count} flat parts that go"
         text += f", with {parts} on beyond the object"
     return text

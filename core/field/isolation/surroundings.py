@@ -2,9 +2,10 @@
 
 A flat part goes on beyond the object if it reaches the border of the mesh's box along at least
 half of its own width: a floor, a wall.  What stands on such a part along at least half of its own
-width, as the sides of a furniture do, goes on as well.  Both need to be told from the sides of an
+width, as the sides of a furniture do, may go on as well.  Both need to be told from the sides of an
 object that is a box itself.  A part that strokes call "this" is the object's, and so are parts
-that end where it ends, at an edge of both.
+that end where it ends, at an edge of both.  What reaches the border goes; other parts go if a cut
+shows that only little hangs together there (isolating.py).
 
 Matter goes with a part if it is in its shell.  What lies on it in a low layer, with nothing higher
 above, may go.

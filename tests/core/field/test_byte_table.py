@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from deformrf.core.base.paths import BUNDLED
 from deformrf.core.field import modelfile, table_in_bytes
 from deformrf.core.field.packing import quantize, wide_levels
 from deformrf.core.field.reach import reached_entries
@@ -66,6 +67,16 @@ def test_a_file_of_8_bits_has_its_coarsest_levels_in_16(make_ball_field, tmp_pat
     assert error[read < end].max() <= 2.0**-11 * np.abs(field.table[:end]).max()
     assert error[read >= end].max() > 10.0 * error[read < end].max()
     assert table_in_bytes(layout, loaded.table).first_level == wide
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_files_that_are_all_in_8_bits_stay_what_they_are(name, tmp_path):
+    """Such as those of earlier versions."""
+    field = modelfile.load(BUNDLED[name])
+    kinds = [np.load(BUNDLED[name])[f"table_{i}"].dtype for i in range(field.layout.level_count)]
+    path = modelfile.save_exactly(field, tmp_path / "m.npz")
+    np.testing.assert_array_equal(modelfile.load(path).table, field.table)
+    assert [np.load(path)[f"table_{i}"].dtype for i in range(len(kinds))] == kinds
 
 
 @pytest.mark.parametrize("fold", [0.0, 1.0])

@@ -5,6 +5,7 @@ import time
 import weakref
 from dataclasses import replace
 from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -219,7 +220,7 @@ def test_flat_parts_are_offered_first_and_can_be_left_out_alone(hand, ball, said
 
     def without_flats(isolation):  # which test_isolating.py tests
         kept = ~floor[isolation.matter.tets, isolation.matter.subtets]
-        return isolating.fields.Isolated(kept, (0,))
+        return isolating.fields.Isolated(kept, (SimpleNamespace(reason=1),))
 
     monkeypatch.setattr(isolating.fields, "without_flats", without_flats)
     scene = Scene(ball, "ball", "cpu")

@@ -45,13 +45,20 @@ def test_each_model_is_scored_on_the_same_photographs(models):
     photos = photographs_of(models[0][0])
     section = another.section(models, "cpu", EFFORT, [photos, photos])
     own, other = section.tables[0].rows
-    assert (own.which, own.left_out, own.color) == ("own", "nothing", "ray")
+    assert (own.which, own.left_out, own.color) == ("own", "–", "ray")
     assert (other.which, other.left_out, other.color) == ("other", "ray-color", "sample")
     assert own.photographs > 60.0 > other.photographs + 20.0
     assert own.frame.median > 0.0 and own.frame.count == other.frame.count == 3
     assert own.megabytes == pytest.approx(models[0][1].stat().st_size / 1e6)
     said = f"{other.photographs - own.photographs:+.2f} dB on photographs"
-    assert said in section.findings[0] and "trained without ray-color" in section.findings[0]
+    assert said in section.findings[0] and "all parts but ray-color" in section.findings[0]
+
+
+@pytest.mark.parametrize("words", [5, [1, {}], "ab", ["\x1b[2J"], {"a": 1}])
+def test_words_of_a_file_are_not_repeated(models, words):
+    models = [(replace(field, meta={"options": {"leave_out": words}}), p) for field, p in models]
+    section = another.section(models, "cpu", EFFORT, [None, None])
+    assert {row.left_out for row in section.tables[0].rows} == {"–"}
 
 
 def test_without_photographs_the_scores_of_the_trainings_count(models):

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from ....core.field import TetField, modelfile, multiplies_pairs, occupied_share
-from ....core.field.packing import pack_tables
+from ....core.field.packing import pack_tables, wide_levels
 from ....core.field.reach import reached_entries
 from ....core.render import Renderer, RenderOptions, default_stop, visible_field
 from ..effort import Effort
@@ -146,7 +146,8 @@ def _entries(field, series):
         arrays = modelfile.pack(field)
         kept = {name: a for name, a in arrays.items() if not name.startswith("reached_")}
         bits = field.entry_bits or 16
-        every = kept | pack_tables(field.table, field.layout, np.ones_like(reached), bits)
+        wide = wide_levels(field.layout, reached)
+        every = kept | pack_tables(field.table, field.layout, np.ones_like(reached), bits, wide)
         # The file does not contain these entries, so noise stands for their values.  Both tables
         # are in floats: noise has more digits than bytes hold.
         noise = np.random.default_rng(0).normal(size=field.table.shape) * field.table.std()

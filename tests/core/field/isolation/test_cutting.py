@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from deformrf.core.field.isolation import cutting
 from deformrf.core.field.isolation.cutting import WHOLE, minimum_cut, near_minimum_cut
 
 
@@ -83,6 +84,17 @@ def test_a_cut_by_groups_costs_little_more_than_the_least():
     assert cost(kept, pulls, pairs, ties) < 1.1 * least
     each = near_minimum_cut(pulls, pairs, ties, held, np.arange(len(held)))
     assert cost(each, pulls, pairs, ties) <= least + len(pairs) / WHOLE
+
+
+def test_each_round_at_the_border_makes_a_cut_cheaper(monkeypatch):
+    rng, sums = np.random.default_rng(), np.zeros(3)
+    for _ in range(20):
+        pairs, pulls, ties, held, groups = chains(rng)
+        for rounds in range(3):
+            monkeypatch.setattr(cutting, "ROUNDS", rounds)
+            kept = near_minimum_cut(pulls, pairs, ties, held, groups)
+            sums[rounds] += cost(kept, pulls, pairs, ties)
+    assert sums[0] > 1.01 * sums[1] and sums[1] >= sums[2] - 1e-9
 
 
 def test_a_cut_by_groups_moves_to_a_neck_within_a_group():

@@ -91,6 +91,25 @@ def test_one_click_keeps_a_ball_without_the_block_that_it_leans_on():
     assert len(result.left_out) == 2  # the floor and a side of the block
 
 
+def test_a_head_on_a_narrow_neck_stays_with_its_body():
+    floor, body = slab((0, 0, 0), (1, 1, WALL)), ball((0.5, 0.5, 0.24), 0.25, WALL)
+    neck = slab((0.46, 0.46, 0.45), (0.54, 0.54, 0.6))
+    head = slab((0.33, 0.33, 0.58), (0.67, 0.67, 0.85))
+    scene = scene_of(any_of(floor, body, neck, head), box=CUBE, spacing=0.05)
+    above = scene.matter.middles[:, 2] > WALL + scene.matter.edge
+    clicks = [(0.5, 0.26, 0.3), (0.26, 0.5, 0.3), (0.5, 0.33, 0.7), (0.67, 0.5, 0.75)]
+    for click in clicks:
+        assert iou(isolated(scene, [stroke(click)]).kept, above) > 0.85, click
+
+
+def test_a_flat_part_that_one_draw_finds_alone_is_not_offered():
+    floor, toy = slab((0, 0, 0), (1, 1, WALL)), ball((0.5, 0.5, 0.33), 0.27, WALL)
+    scene = scene_of(any_of(floor, toy), box=CUBE, spacing=0.05)
+    found = next(draw for draw in scene.draws if draw)
+    assert not without_flats(replace(scene, draws=[[], found, []])).left_out
+    assert without_flats(replace(scene, draws=[found, [], found])).left_out
+
+
 def test_of_lucky_and_unlucky_flat_parts_those_with_the_least_neck_count():
     floor, toy = slab((0, 0, 0), (1, 1, WALL)), ball((0.5, 0.5, 0.33), 0.27)
     scene = scene_of(any_of(floor, toy), box=CUBE, spacing=0.05)
