@@ -17,6 +17,7 @@ from .field import same_values as same_values
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry
 from .reduction import nearer_to_matter as nearer_to_matter
+from .reach import reached_entries as reached_entries
 from .isolation.isolating import (
     Isolated as Isolated,
     Isolation as Isolation,

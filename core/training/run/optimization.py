@@ -44,6 +44,7 @@ RAY_SPACE = 1.5  # times the rays of a step that graphs are recorded for, so tha
 LEAST_USED = 0.25  # of that; with fewer rays new graphs are recorded
 FILLED = 0.9  # share of a step's space for samples that the number of rays aims at
 SMALLEST_SPACE = 1 << 13  # samples a step; with fewer, training would take hours
+COUNTS = 8  # times that the features in use are counted
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
 RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
@@ -77,14 +78,14 @@ class Optimization:
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
-        decay = 0.0 if "table-decay" in options.leave_out else options.table_decay
-        self.table_decay = needed_decay(decay, bank.object_pixel_count, field.table.numel())
         self.samples_per_step = options.samples_per_step
         self.number = 0
         # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
         self._white = torch.zeros(1, device=device)
+        self._decay = torch.zeros(1, device=device)  # times LOSS_SCALE
+        self._count_features(field.table.numel())
         self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
         self._exchange = make_exchange(field, self.error) if several else None
@@ -131,6 +132,8 @@ class Optimization:
                     1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_TURNS
                 )
                 self._average_weights()
+                if self.table_decay and self.number >= self._counts_at:
+                    self._count_features(self.field.reached_features())
                 self._adapt_ray_count(self._examine(progress, task, note))
                 after_pause()
                 self.workers.stop_if_interrupted()
@@ -147,6 +150,16 @@ class Optimization:
         self._average_weights()
         self.field.set_weights(self._whole_average())
 
+    def _count_features(self, count: int):
+        """Let the table decay as so many features need; they are counted COUNTS times a stage.
+
+        What is empty is found in the first steps.  Then fewer features are reached.
+        """
+        options = self.options
+        weight = 0.0 if "table-decay" in options.leave_out else options.table_decay
+        self.table_decay = needed_decay(weight, self.bank.object_pixel_count, count)
+        self._counts_at = self.number + self.step_count // COUNTS
+
     def step(self, rate: float, white: bool):
         """Do one step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
@@ -162,6 +175,16 @@ class Optimization:
         else:
             self._draw_and_learn(self._batches[0], self.number)
         self.number += 1
+
+    @property
+    def table_decay(self) -> float:
+        """The weight of the table's decay, which may fall during a stage."""
+        return self._table_decay
+
+    @table_decay.setter
+    def table_decay(self, weight: float):
+        self._table_decay = weight
+        self._decay.fill_(LOSS_SCALE * weight)  # a graph reads it
 
     @property
     def returns(self) -> int:
@@ -218,7 +241,7 @@ class Optimization:
         parameters = self.field.parameters()
         gradients = torch.autograd.grad(loss * LOSS_SCALE, parameters)
         if self.table_decay:
-            add_table_decay(gradients[0], self.field, self.table_decay * LOSS_SCALE)
+            add_table_decay(gradients[0], self.field, self._decay)
         self.error.copy_(error.detach())
         if self._exchange:
             self._exchange.collect(gradients, batch.pixels_tried())

@@ -78,6 +78,23 @@ def test_features_decay_where_they_outnumber_what_photographs_show(run):
     assert Optimization(run.field, run.bank, without, run.has_alpha, 1, 1.0).table_decay == 0.0
 
 
+def test_features_that_nothing_occupied_reaches_are_not_counted(run):
+    """So features decay less, the emptier the space is found to be."""
+    features = run.field.reached_features()
+    assert features == run.field.table.numel()
+    occupied = run.field.occupied.clone()
+    occupied[1:] = False
+    run.field.set_occupancy(run.field.thickness, occupied)
+    run.field.refresh_mask()
+    count = run.field.reached_features()
+    assert 0 < count < 0.5 * features
+    before = run.table_decay
+    run._count_features(count)
+    pixels = run.bank.object_pixel_count
+    assert run.table_decay == needed_decay(OPTIONS.table_decay, pixels, count) < before
+    assert float(run._decay) == pytest.approx(optimization.LOSS_SCALE * run.table_decay)
+
+
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine(run):
     rates = [
         learning_rate(step, 10_000, 1.0, 0.2) * run._watch.rate_share(step)
