@@ -23,6 +23,7 @@ from .surroundings import NONE, FlatPart, flat_parts_of, layer_on, what_goes
 
 DRAWS = 3  # of points, that flat parts are sought among: each finds others of the hardly flat
 LEAST = 0.02  # of all matter, that a neck parts at least
+ALIKE = 0.8  # of a flat part's shell, that another part has: they are the same
 STANDS = 0.1  # of its ties to a block, that an object which leans on it has to the rest
 SEED = 0.75  # around a stroke's points, that is held [edges]
 MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
@@ -238,8 +239,12 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
     first, neck = results[least], SURER * necks[least]
     if not np.isfinite(neck):
         return first
-    best = first
+    best, tried = first, []
     for part in (part for _, may_go in named for part in may_go):
+        shell = part.shell(scene.matter) & first.kept
+        if any((shell & other).sum() >= ALIKE * shell.sum() for other in tried):
+            continue  # another draw has found it as well, or there is nothing of it
+        tried.append(shell)
         kept, _ = parted_from(scene, place, ours, [part], first.kept)
         its_neck = neck_of(scene, kept)
         if its_neck < neck and (part.reason != NONE or stands_alone(scene, kept, first.kept)):
