@@ -5,13 +5,14 @@ from .data.errors import (
     NoSplitError as NoSplitError,
 )
 from .data.cameras import list_cameras as list_cameras
-from .train_options import LEAVE_OUT as LEAVE_OUT, TrainOptions as TrainOptions, preset as preset
+from .train_options import TrainOptions as TrainOptions, preset as preset
 from .trainer import Pause as Pause, Trained as Trained, train as train
 from .run.checkpoint import CheckpointError as CheckpointError, load_checkpoint as load_checkpoint
 from .evaluation import evaluate as evaluate
 from .lpips import Lpips as Lpips
 
 # For the commands and the lab.
+from .train_options import LEAVE_OUT as LEAVE_OUT
 from .data.layouts import check_place as check_place, has_cameras as has_cameras
 from .data.datasets import (
     check_some as check_some,

@@ -16,9 +16,8 @@ import numpy as np
 
 from deformrf.core.base import paths
 from deformrf.core.base.device import start_warp
-from deformrf.core.field import modelfile
+from deformrf.core.field import modelfile, reached_entries
 from deformrf.core.field.packing import pack_tables
-from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Camera, Renderer, in_space
 from deformrf.core.training import load_dataset, white_composite
 from deformrf.core.training.metrics import psnr

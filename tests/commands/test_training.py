@@ -17,9 +17,9 @@ from deformrf.commands import train, train_choices
 from deformrf.commands.running import FAILED, INPUT_ERROR, INTERRUPTED
 from deformrf.core.field import modelfile
 from deformrf.core.render import look_at
-from deformrf.core.training import DatasetError, preset
+from deformrf.core.training import LEAVE_OUT, DatasetError, preset
 from deformrf.core.training.data import datasets
-from deformrf.core.training.train_options import LEAVE_OUT, PRESETS
+from deformrf.core.training.train_options import PRESETS
 
 
 def test_training_gets_data_options_and_device(call, trainer, data, tmp_path):

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from deformrf.core.base.paths import BUNDLED
-from deformrf.core.field import modelfile, table_in_bytes
+from deformrf.core.field import modelfile, reached_entries, table_in_bytes
 from deformrf.core.field.packing import quantize, wide_levels
-from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, RenderOptions, from_field_of_view, look_at
 
 

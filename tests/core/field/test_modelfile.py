@@ -13,11 +13,11 @@ from deformrf.core.field import (
     ModelFileError,
     load,
     modelfile,
+    reached_entries,
     same_values,
     save,
     save_exactly,
 )
-from deformrf.core.field.reach import reached_entries
 from deformrf.core.render import Renderer, from_field_of_view, look_at
 
 

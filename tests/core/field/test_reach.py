@@ -13,11 +13,12 @@ from deformrf.core.field import (
     is_occupied,
     make_tables,
     reach,
+    reached_entries,
     subtet_of,
     unpack_mask,
 )
 from deformrf.core.field.layout import encoding_of
-from deformrf.core.field.reach import occupied_cells, reached_entries
+from deformrf.core.field.reach import occupied_cells
 from deformrf.core.geometry import path_corners, path_nodes
 
 LEVELS = 5  # with 2^12 entries the last two are hashed, with 2^8 all but the first or none

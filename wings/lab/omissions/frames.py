@@ -13,9 +13,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ....core.field import TetField, modelfile, multiplies_pairs, occupied_share
+from ....core.field import TetField, modelfile, multiplies_pairs, occupied_share, reached_entries
 from ....core.field.packing import pack_tables, wide_levels
-from ....core.field.reach import reached_entries
 from ....core.render import Renderer, RenderOptions, default_stop, visible_field
 from ..effort import Effort
 from ..rendering.pictures import views
