@@ -365,6 +365,7 @@ class Optimization:
                 "ray_count": self.ray_count,
                 "samples_per_step": self.samples_per_step,
                 "returns": (self._watch.returns, self._watch.returned_at),
+                "decay": (self.table_decay, self._counts_at),
             },
             "stage": self.field.state(),
             "average": self._whole_average(),
@@ -391,6 +392,8 @@ class Optimization:
         self.optimizer.load(moments, LOSS_SCALE / checked_scale(scale))
         self.number = step["number"]
         self._watch.load(*step.get("returns", (0, 0)), self.number)
+        decay, self._counts_at = step.get("decay", (self.table_decay, 0))
+        self.table_decay = min(max(decay, 0.0), self.table_decay)
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
         self._limits.load(limits)
