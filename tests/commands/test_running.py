@@ -35,7 +35,7 @@ class Last:
 
 
 def interrupt(number):
-    os.kill(os.getpid(), number)
+    signal.raise_signal(number)
     for _ in range(1000):  # Python handles it within these
         pass
 

@@ -327,7 +327,7 @@ def test_an_interrupt_keeps_what_was_done_since_the_last_writing(app, ball, monk
     write = app.autosave.save
 
     def save():  # the second signal of an impatient user
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)  # this thread has it before the next line
         write()
 
     app.autosave.save = save
