@@ -53,8 +53,8 @@ class ReportArguments:
     device: Choice = "auto"
     """Where the work is done; auto, the default, takes CUDA if there is any."""
     compare: Annotated[File, Arg("MODEL")] = None
-    """Another model of the same object, as one that was trained with --leave-out ray-color: what it
-    differs in, scores, time and size."""
+    """Another model of the same object, as one that was trained with --leave-out ray-color: the
+    report shows what each was trained without, scores, time of a frame, and size."""
     quick: bool = False
     """Fewer settings, pixels and repeats: 5,000 tets take under two minutes on two CPU cores."""
 

@@ -3,6 +3,7 @@
     this, not this   what the strokes say: sub-tets near their points are held on one side
     surroundings     flat parts that go on beyond the object, and what lies on them in a layer
     rest             matter that is neither; `near_minimum_cut` (cutting.py) parts it
+    neck             the ties that a cut parts, over the root of the smaller side's matter
 
 The rules have no lengths but the edge of a sub-tet, and no sizes but shares.
 
@@ -21,10 +22,10 @@ from .cutting import near_minimum_cut
 from .subtet_graph import SubtetGraph, graph_of
 from .surroundings import NONE, FlatPart, flat_parts_of, layer_on, what_goes
 
-DRAWS = 3  # of points, that flat parts are sought among: each finds others of the hardly flat
-LEAST = 0.02  # of all matter, that a neck parts at least
-ALIKE = 0.8  # of a flat part's shell, that another part has: they are the same
-STANDS = 0.1  # of its ties to a block, that an object which leans on it has to the rest
+DRAWS = 3  # of points; flat parts are sought in each, which finds others of the hardly flat
+LEAST = 0.02  # of all matter, that the smaller side of a neck has at least
+ALIKE = 0.8  # of a flat part's shell: if another part's has as much of it, they are the same
+STANDS = 0.1  # times its ties to a block: an object that leans there has more to what it stands on
 SEED = 0.75  # around a stroke's points, that is held [edges]
 MISSED = 4.0  # edges from a point to matter; farther, the point names nothing
 BORDER_LAYER, SOLID = 2.0, 0.1  # of a box's border [edges]; opacity there that counts
@@ -201,7 +202,8 @@ def isolated(scene: Isolation, strokes: Sequence[Stroke]) -> Isolated:
 def without_flats(scene: Isolation) -> Isolated:
     """What is left without the flat parts that go on beyond the object, before any stroke.
 
-    Of the draws that have some, or haven't, as most have.
+    If most draws have such parts, the draw counts that is parted at the narrowest neck.  Otherwise
+    nothing goes.
     """
     results = []
     for draw in scene.draws:
