@@ -67,7 +67,10 @@ test: venv
 ifeq ($(PYTEST_ARGS),)
 	@# Most tests keep one thread busy and others wait (for a window, a process, a disk), so three
 	@# run side by side on two cores.  A file's tests share what they made; conftest.py orders files.
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	@# A worker that crashes ends the run and names its test: replaced, it waits for ever.  A test
+	@# that takes half an hour shows where it is, and ends its worker.
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder \
+		--max-worker-restart 0 -o faulthandler_timeout=1800 -o faulthandler_exit_on_timeout=true
 else
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 endif

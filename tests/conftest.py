@@ -50,8 +50,18 @@ SEED = int(os.environ.get("DEFORMRF_TEST_SEED", 0))  # make soak draws a new one
 
 
 def pytest_report_header():
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells may have it ignored
     return f"random inputs: DEFORMRF_TEST_SEED={SEED}"
+
+
+@pytest.fixture(autouse=True)
+def own_signals():
+    """No test's end leaves to the next what commands set: at theirs, SIGINT ends the process."""
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {name: signal.getsignal(getattr(signal, name)) for name in names}
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells may have it ignored
+    yield
+    for name, handler in before.items():
+        signal.signal(getattr(signal, name), handler)
 
 
 @pytest.fixture(autouse=True)
