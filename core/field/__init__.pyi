@@ -29,6 +29,7 @@ from .isolation.isolating import (
     without_flats as without_flats,
     neck_of as neck_of,
 )
+from .isolation.subtet_graph import subtet_colors as subtet_colors
 from .levels import (
     below_pixel as below_pixel,
     level_edges as level_edges,

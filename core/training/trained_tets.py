@@ -4,7 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..field import TetField, pack_mask, reduced, subtet_middles, unpack_mask
+from ..field import (
+    TetField,
+    pack_mask,
+    reduced,
+    subtet_colors,
+    subtet_middles,
+    unpack_mask,
+)
 from ..geometry import (
     Plane,
     TetMesh,
@@ -28,6 +35,11 @@ POINTS = 2  # of surfaces, in a tet that is kept for them
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
 # object's only if something thick is ABOVE it, up to ASIDE beside it.
 CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
+# Down to DEEP below the ground, what is UNDER the object, or farther aside of it by less, may be a
+# foot's.  It is if its color is nearer to that of the object's NEXT sub-tets than to that of
+# AROUND ones of the ground, at least BESIDE, by a factor of NEARER.
+DEEP, UNDER, NEXT, AROUND, BESIDE, NEARER = 0.35, 0.3, 4, 12, 2.0, 0.25
+TELLS = 0.05  # apart, 0..1: nearer colors tell nothing
 
 
 def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
@@ -125,9 +137,12 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
     if ground is not None:
         places = subtet_middles(mesh)
         heights = ground.height(places)
+        low = thick & (heights > -DEEP * edge) & (heights <= CLEARANCE * edge)
         matter &= heights > CLEARANCE * edge
         matter[matter] = carried(places[matter], thick[matter], ground, edge)
-        is_ground = (heights < CLEARANCE * edge).all(axis=1)
+        above = matter & thick & (heights < LOW * edge)
+        matter[low] = feet(field, low, above, ground, edge)
+        is_ground = (heights < CLEARANCE * edge).all(axis=1) & ~matter.any(axis=1)
     occupied = matter.any(axis=1)
     if not occupied.any():
         return field
@@ -190,6 +205,41 @@ def carried(places, thick, ground: Plane, edge):
         distances = cKDTree(flat[above]).query(flat[low], distance_upper_bound=ASIDE * edge)[0]
         stays[low] = np.isfinite(distances)
     return stays
+
+
+def feet(field: TetField, low, above, ground: Plane, edge) -> np.ndarray:
+    """Which sub-tets at the ground have the color of what stands on them.  [n] bool
+
+    The ground's surface is learned about a sub-tet thick, with the end of a foot in it.
+
+    Args:
+        low: Which n are at the ground, and more than fog.  [T, 64] bool
+        above: Which are the object's just above, and more than fog.  [T, 64] bool
+        edge: Their edges' length.
+    """
+    from scipy.spatial import cKDTree
+
+    def colors(mask, some):
+        return subtet_colors(field, *(ids[some] for ids in np.nonzero(mask)))
+
+    places = subtet_middles(field.mesh)
+    own, carries = places[low], places[above]
+    if not len(own) or not len(carries):
+        return np.zeros(len(own), bool)
+    flat, over = (p - ground.height(p)[:, None] * ground.normal for p in (own, carries))
+    aside = cKDTree(over).query(flat)[0]
+    under, beside = np.flatnonzero(aside < UNDER * edge), aside > BESIDE * edge
+    if not len(under) or np.count_nonzero(beside) < AROUND:
+        return np.zeros(len(own), bool)
+    count = min(NEXT, len(carries))
+    next_to = cKDTree(carries).query(own[under], k=[*range(1, count + 1)])[1]
+    around = cKDTree(own[beside]).query(own[under], k=AROUND)[1]
+    objects = colors(above, slice(None))[next_to].mean(axis=1)
+    grounds = colors(low, beside)[around].mean(axis=1)
+    color, is_foot = colors(low, under), np.zeros(len(own), bool)
+    away, other = (np.linalg.norm(color - c, axis=1) for c in (objects, grounds))
+    is_foot[under] = (other > TELLS) & (away < NEARER * other)
+    return is_foot
 
 
 def regular_edge(mesh: TetMesh) -> float:

@@ -109,6 +109,16 @@ def graph_of(field: TetField, many: int = MANY) -> SubtetGraph:
     )
 
 
+def subtet_colors(field: TetField, tets: np.ndarray, subtets: np.ndarray) -> np.ndarray:
+    """What color sub-tets have in their middles, in the mean over all directions.  [n, 3], 0..1
+
+    Args:
+        tets: That hold them.  [n] int
+        subtets: Which of a tet's sub-tets they are.  [n] int
+    """
+    return _colors(field, _looks(field, tets, subtets, LOOKS[:1])[1])
+
+
 def _by_children(tets, subtets, depths, seen):
     """Children instead of their sub-tets: the mean opacity, and the mean h of what is opaque."""
     keys, child = np.unique(8 * tets + subtets // 8, return_inverse=True)

@@ -1,5 +1,7 @@
 """The tets that stage 2 trains on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,8 +82,10 @@ def scene():
     return field, column
 
 
-def test_the_object_is_left_alone_and_solid(scene):
+def test_the_object_is_left_alone_and_solid(scene, monkeypatch):
     field, column = scene
+    # No color tells a foot.
+    monkeypatch.setattr(trained_tets, "subtet_colors", lambda _, tets, __: np.ones((len(tets), 3)))
     box, ground = np.array([[0.0] * 3, [1.0] * 3]), Plane(np.array([0.0, 0.0, 1.0]), 0.05)
     densities = np.full(column.shape, 50.0)
     fog = subtet_middles(field.mesh)[..., 2] > 0.83  # thin, above the column
@@ -124,6 +128,32 @@ def test_fog_carries_no_crumbs_of_the_ground(scene):
     beside = np.hypot(*(left[:, :2] - 0.5).T) > 0.24
     assert (left[beside, 2] < 0.095).sum() < 0.05 * crumbs.sum()
     assert (~beside).sum() > 0.9 * column.sum()
+
+
+@pytest.mark.parametrize("telling", [True, False])
+def test_the_end_of_a_foot_stays_if_its_color_tells(scene, monkeypatch, telling):
+    """What is as high as the ground's surface, under the column, is the column's or the table's."""
+    field, column = scene
+    box, ground = np.array([[0.0] * 3, [1.0] * 3]), Plane(np.array([0.0, 0.0, 1.0]), 0.05)
+    places = subtet_middles(field.mesh)
+    radius, z = np.hypot(*np.moveaxis(places[..., :2] - 0.5, 2, 0)), places[..., 2]
+    end = (abs(z - 0.05) < 0.012) & (radius > 0.14) & (radius < 0.19)
+
+    def colors(field, tets, subtets):
+        reds = np.where(telling & (radius[tets, subtets] < 0.2), 0.9, 0.1)
+        return np.stack([reds, *[np.full(len(tets), 0.1)] * 2], axis=1)
+
+    monkeypatch.setattr(trained_tets, "subtet_colors", colors)
+    occupancy = pack_mask(unpack_mask(field.occupancy) | end)
+    with_end = replace(field, occupancy=occupancy)
+    alone = trained_tets.object_alone(with_end, np.full(column.shape, 50.0), box, ground)
+    left = subtet_middles(alone.mesh)[unpack_mask(alone.occupancy)]
+    low = left[left[:, 2] < 0.055]
+    if telling:
+        assert len(low) > 0.8 * (end & (z < 0.055) & (z > 0.045)).sum() > 50
+    else:
+        assert len(low) == 0
+    assert (np.hypot(*(low[:, :2] - 0.5).T) < 0.21).all()
 
 
 def test_without_matter_nothing_is_taken_away(scene):

@@ -1,11 +1,13 @@
 """The graph of occupied sub-tets: who touches whom, and what is in them."""
 
+from dataclasses import replace
+
 import numpy as np
 from solids import ball, matter_where
 
-from deformrf.core.definition.networks import geometry, sigma_from
+from deformrf.core.definition.networks import GEOMETRY_FEATURES, colors, geometry, sigma_from
 from deformrf.core.field import subtet_corners, unpack_mask
-from deformrf.core.field.isolation.subtet_graph import graph_of
+from deformrf.core.field.isolation.subtet_graph import graph_of, subtet_colors
 
 
 def test_each_sub_tet_inside_a_solid_touches_four():
@@ -45,3 +47,19 @@ def test_a_field_gives_densities_and_masks_come_back(make_ball_field):
     edges = np.cbrt(6.0 * np.sqrt(2.0) * graph.volumes)
     np.testing.assert_allclose(graph.depths, sigma * edges, rtol=1e-4)
     assert ((graph.colors >= 0.0) & (graph.colors <= 1.0)).all()
+
+
+def test_a_sub_tets_color_is_that_of_its_middle(make_ball_field):
+    """From any side, in a field whose colors don't depend on the direction."""
+    field = make_ball_field(0)
+    weights, bias = field.color_layers[0]
+    weights = weights.copy()
+    weights[GEOMETRY_FEATURES:] = 0.0
+    field = replace(field, color_layers=((weights, bias), *field.color_layers[1:]))
+    tets, subtets = np.nonzero(unpack_mask(field.occupancy))
+    h = geometry(field.definition, tets, subtet_corners().mean(axis=1)[subtets])
+    directions = np.random.default_rng().normal(size=(len(tets), 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    expected = colors(h, directions, field.definition.color_layers)
+    np.testing.assert_allclose(subtet_colors(field, tets, subtets), expected, atol=1e-5)
+    assert np.ptp(expected, axis=0).min() > 0.05
