@@ -15,7 +15,7 @@ from ..camera import Orbit
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
 from ..settings import OF_BONES, Settings
 from . import gl
-from .handle_layer import SPHERE_FLOATS, Spheres
+from .handle_layer import Spheres, far_first, sphere_rows
 
 BONE, CHOSEN, JOINT = (0.62, 0.70, 0.86), (1.0, 0.62, 0.0), (0.16, 0.28, 0.55)
 DRAGGED = (0.9, 0.9, 0.2)
@@ -108,11 +108,6 @@ def left_behind(drawn: WithBones) -> bool:
     return max(bent, posed) > AWAY * drawn.size
 
 
-def _far_first(orbit, places):
-    away = places - orbit.pose[:3, 3]
-    return np.argsort(-np.einsum("ni,ni->n", away, away), kind="stable")
-
-
 def bone_instances(drawn: WithBones):
     """Head, tail and tint of each bone, far ones first.  [B, 9] float32"""
     ends, chosen = drawn.posing.ends, drawn.rigging.chosen_bone
@@ -120,26 +115,22 @@ def bone_instances(drawn: WithBones):
     bones[:, :6], bones[:, 6:] = ends.reshape(-1, 6), BONE
     if chosen is not None:
         bones[chosen, 6:] = CHOSEN
-    return bones[_far_first(drawn.orbit, 0.5 * (ends[:, 0] + ends[:, 1]))]
+    return far_first(bones, 0.5 * (ends[:, 0] + ends[:, 1]), drawn.orbit.pose[:3, 3])
 
 
 def joint_spheres(drawn: WithBones, place=None):
-    """Center, radius and tint of each joint's sphere, far ones first.  [S, 7] float32"""
+    """Rows of the joints' spheres, far ones first.  [S, 7] float32"""
     rigging, radius = drawn.rigging, drawn.handle_radius
     shown = joint_mask(rigging.skeleton)  # [B, 2], of heads and tails
-    rows = np.empty((*shown.shape, SPHERE_FLOATS), np.float32)
-    rows[..., :3], rows[..., 3], rows[..., 4:] = drawn.posing.ends, JOINT_SIZE * radius, JOINT
+    tints = np.full((*shown.shape, 3), JOINT)
     if rigging.chosen_bone is not None:
         bone, end = rigging.selected
-        rows[bone, ENDS.index(end), 4:] = CHOSEN
-    spheres = rows[shown]
+        tints[bone, ENDS.index(end)] = CHOSEN
+    spheres = [sphere_rows(drawn.posing.ends[shown], JOINT_SIZE * radius, tints[shown])]
     if rigging.loose is not None:
         tint = JOINT if rigging.selected is None or rigging.selected[0] != LOOSE else CHOSEN
-        spheres = _with(spheres, rigging.loose, radius, tint)
+        spheres.append(sphere_rows([rigging.loose], radius, tint))
     if place is not None:
-        spheres = _with(spheres, place, radius, DRAGGED)
-    return spheres[_far_first(drawn.orbit, spheres[:, :3])]
-
-
-def _with(spheres, place, radius, tint):
-    return np.append(spheres, np.float32([[*place, radius, *tint]]), axis=0)
+        spheres.append(sphere_rows([place], radius, DRAGGED))
+    spheres = np.concatenate(spheres)
+    return far_first(spheres, spheres[:, :3], drawn.orbit.pose[:3, 3])

@@ -26,8 +26,7 @@ from ...core.deform import (
 from ...core.geometry import boundary_faces
 from ..settings import Settings
 from . import gl
-from .colormaps import COLORS
-from .legend import ColorScale, Legend
+from .legend import COLORS, ColorScale, Legend
 
 PLAIN = np.tile([0.80, 0.78, 0.74], (17, 1))
 SHADING = {"plain": (0.35, 1.1)}

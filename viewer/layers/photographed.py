@@ -21,7 +21,7 @@ from ...core.field import TetField, subtet_corners, unpack_mask
 from ...core.render import Renderer, from_field_of_view, look_at, views_of_rows
 from ..camera import visible
 from .ground_plane import SubtetMiddles
-from .mark_layer import MOST
+from .handle_layer import MOST_MARKS
 from .radiance_layer import RemainingSubtets
 
 NEAR, FAR = 20.0, 45.0  # degrees
@@ -121,7 +121,7 @@ class Photographed:
             surface |= hit & ~visible(camera, middles, depth, -thick)  # fog is before it
             yield number / total
         chosen = np.flatnonzero(surface)
-        chosen = chosen[:: 1 + len(chosen) // MOST]
+        chosen = chosen[:: 1 + len(chosen) // MOST_MARKS]
         self._middles = SubtetMiddles(all_.corners[chosen], all_.weights[chosen])
         places = middles[chosen]
         self._seen = np.zeros((1 + len(views), len(chosen), 3), np.float32)
