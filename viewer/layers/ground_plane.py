@@ -7,15 +7,12 @@ shadow).  Points are the middles of sub-tets that can hold density, some thousan
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
 
 import moderngl
 import numpy as np
 
-from ...core.deform import XpbdSolver
-from ...core.field import TetField, subtet_corners, unpack_mask
-from ..document import Body
-from ..settings import Settings
+from ...core.field import subtet_corners, unpack_mask
+from .drawn import DrawnObject
 
 MOST_POINTS = 8_000
 CELLS = 64  # a side of the shadow's picture
@@ -93,29 +90,6 @@ def _blurred(picture, width: int):
     return picture
 
 
-class RemainingField(Protocol):
-    """What was not deleted of a field."""
-
-    revision: int
-    field: TetField
-
-
-class OnGround(Protocol):
-    """The object that stands on the ground."""
-
-    settings: Settings
-    held: bool
-    stands: bool  # as if on a ground
-    floor: float  # where a ground would be
-    center: np.ndarray  # at rest  [3]
-    size: float
-    positions: np.ndarray  # [V, 3]
-    revision: int  # of the positions
-    solver: XpbdSolver
-    body: Body
-    cuts: RemainingField
-
-
 @cache
 def line_spacing(meters: float) -> float:
     """Meters between two lines of the ground under an object so long: 1, 2 or 5 · 10ⁿ."""
@@ -127,7 +101,7 @@ def line_spacing(meters: float) -> float:
 class GroundPlane:
     """The ground of one object, as shaders/image.frag.glsl draws it."""
 
-    def __init__(self, ctx: moderngl.Context, standing: OnGround):
+    def __init__(self, ctx: moderngl.Context, standing: DrawnObject):
         self._standing = standing
         self._middles = None  # of what is left of the object
         self._texture = ctx.texture((CELLS, CELLS), 1)

@@ -5,15 +5,12 @@ than they are by the object's handle_bias; picking.visible uses the same bias.  
 spheres at middles of sub-tets.
 """
 
-from typing import Protocol
-
 import moderngl
 import numpy as np
 
-from ...core.field import TetField
-from ..document import MOST_ADDED, MOST_POINTS, Ball, Body, Grab
-from ..settings import Settings
+from ..document import MOST_ADDED, MOST_POINTS
 from . import gl
+from .drawn import DrawnObject
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
 SELECTED = (1.0, 0.62, 0.0)
@@ -26,32 +23,6 @@ GHOST = 0.35  # opacity of what the object hides of a held sphere
 SPHERE_FLOATS = 7  # center, radius, tint
 MOST_MARKS, MARK_OPACITY = 12_000, 0.6
 MARK_NEARER = 2.5  # radii, that a mark is drawn nearer than it is
-
-
-class DrawnHandles(Protocol):
-    """Handles, and what a hand does with them."""
-
-    pin_ids: np.ndarray
-    control_ids: np.ndarray
-    posed: tuple[int, ...]
-    selected: list[int]
-    hover: int | None
-    grabbed: Grab | None
-
-    def at(self, ids) -> np.ndarray: ...
-    def factors(self, ids) -> np.ndarray: ...
-
-
-class WithSpheres(Protocol):
-    """The object whose spheres are drawn."""
-
-    field: TetField
-    settings: Settings
-    handle_radius: float
-    handle_bias: float
-    ball: Ball | None
-    body: Body
-    handles: DrawnHandles
 
 
 class Spheres(gl.Instances):
@@ -111,7 +82,7 @@ class MarkLayer(Spheres):
 class HandleLayer:
     """Spheres of one object."""
 
-    def __init__(self, ctx: moderngl.Context, drawn: WithSpheres):
+    def __init__(self, ctx: moderngl.Context, drawn: DrawnObject):
         self._ctx, self._drawn = ctx, drawn
         most = drawn.field.mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
         self._spheres = Spheres(ctx, most)
@@ -137,7 +108,7 @@ class HandleLayer:
         self._spheres.release()
 
 
-def sphere_instances(drawn: WithSpheres, eye):
+def sphere_instances(drawn: DrawnObject, eye):
     """Rows of all spheres, those far from the eye [3] first.  [S, 7] float32
 
     The soft edge of a sphere blends with what was drawn before it.

@@ -10,13 +10,10 @@ hide behind the picture's depth alone, where they can be picked.
 both as means about each vertex, by volume, interpolated over the faces.
 """
 
-from typing import Protocol
-
 import moderngl
 import numpy as np
 
 from ...core.deform import (
-    XpbdSolver,
     at_vertices,
     deformation_gradients,
     rest_tets,
@@ -24,8 +21,8 @@ from ...core.deform import (
     volume_ratios,
 )
 from ...core.geometry import boundary_faces
-from ..settings import Settings
 from . import gl
+from .drawn import DrawnObject
 from .legend import COLORS, ColorScale, Legend
 
 PLAIN = np.tile([0.80, 0.78, 0.74], (17, 1))
@@ -34,29 +31,10 @@ LIGHT_SHADING = 0.72, 1.05  # of colors that mean something
 WIRE_OPACITY = 0.9
 
 
-class RemainingTets(Protocol):
-    """Tets that were not deleted."""
-
-    kept: np.ndarray  # another array where some were  [T] bool
-    tets: np.ndarray  # [T', 4]
-    neighbours: np.ndarray  # [T', 4]
-
-
-class WithMesh(Protocol):
-    """The object whose mesh is drawn."""
-
-    settings: Settings
-    handle_radius: float
-    positions: np.ndarray  # [V, 3]
-    revision: int  # of the positions
-    solver: XpbdSolver
-    cuts: RemainingTets
-
-
 class MeshLayer:
     """The surface of one object's mesh."""
 
-    def __init__(self, ctx: moderngl.Context, drawn: WithMesh, draw_depth):
+    def __init__(self, ctx: moderngl.Context, drawn: DrawnObject, draw_depth):
         """Take a function that fills the framebuffer's depth with the picture's again."""
         self._ctx, self._drawn, self._draw_depth = ctx, drawn, draw_depth
         self._program = gl.program(ctx, "mesh")

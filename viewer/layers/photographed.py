@@ -13,16 +13,15 @@ Shapes: S sub-tets of the surface, v photographs.
 """
 
 import time
-from typing import Protocol
 
 import numpy as np
 
-from ...core.field import TetField, subtet_corners, unpack_mask
+from ...core.field import subtet_corners, unpack_mask
 from ...core.render import Renderer, from_field_of_view, look_at, views_of_rows
 from ..camera import visible
+from .drawn import DrawnObject
 from .ground_plane import SubtetMiddles
 from .handle_layer import MOST_MARKS
-from .radiance_layer import RemainingSubtets
 
 NEAR, FAR = 20.0, 45.0  # degrees
 HARDLY, MISSED = (250, 222, 112), (166, 54, 10)  # colors of angles from NEAR, and from FAR
@@ -36,20 +35,10 @@ SLICE = 0.05  # s of a frame
 STRIPE = 20.0  # edges from one dark stripe to the next
 
 
-class WithPhotographs(Protocol):
-    """The object that was photographed."""
-
-    field: TetField
-    positions: np.ndarray  # of its vertices, now  [V, 3]
-    cuts: RemainingSubtets
-    center: np.ndarray
-    size: float
-
-
 class Photographed:
     """What photographs saw of one object."""
 
-    def __init__(self, drawn: WithPhotographs, device):
+    def __init__(self, drawn: DrawnObject, device):
         self._drawn, self._device = drawn, device
         self._revision = self._work = None
         self.progress = 0.0

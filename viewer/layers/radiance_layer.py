@@ -10,7 +10,6 @@ The depth is that of the unshifted image: other things in the scene hide behind 
 
 import time
 from dataclasses import replace
-from typing import Protocol
 
 import moderngl
 import numpy as np
@@ -28,10 +27,11 @@ from ...core.render import (
     render_mode,
     shifted,
 )
-from ..camera import Orbit, pixels_per_unit
+from ..camera import pixels_per_unit
 from ..files import with_colors
 from . import gl
-from .ground_plane import GroundPlane, OnGround, RemainingField
+from .drawn import DrawnObject
+from .ground_plane import GroundPlane
 from .resolution import (
     CPU_LADDER,
     LADDER,
@@ -51,28 +51,6 @@ AVERAGED_MODES = ("color", "accumulation")
 SMOOTH_MODES = ("color", "depth", "accumulation", "normals")  # whose colors may be blended
 
 
-class RemainingSubtets(RemainingField, Protocol):
-    """What was not deleted, down to sub-tets."""
-
-    some: bool  # whether anything was
-    kept: np.ndarray  # another array where tets were  [T] bool
-    left: np.ndarray  # [T] uint64
-
-
-class SeenFrom(Protocol):
-    """Where the object is seen from."""
-
-    orbit: Orbit
-    depth_range: tuple[float, float]
-
-
-class WithRadiance(OnGround, Protocol):
-    """The object whose field is drawn."""
-
-    viewpoint: SeenFrom
-    cuts: RemainingSubtets
-
-
 class RadianceLayer:
     """Draws what a Renderer of core/render renders of an object.
 
@@ -87,13 +65,13 @@ class RadianceLayer:
     """
 
     def __init__(
-        self, ctx, drawn: WithRadiance, renderer, path: str, times, clock=time.perf_counter
+        self, ctx, drawn: DrawnObject, renderer, path: str, times, clock=time.perf_counter
     ):
         """Take an object, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
         self.render_count, self.most_samples = 0, SAMPLE_COUNT
         self.path, self.device = path, renderer.device
         self.transparent = False  # draw no background, and the opacity into the fourth channel
-        self._ctx, self._drawn, self._renderer = ctx, drawn, renderer
+        self._ctx, self._drawn = ctx, drawn
         self._times, self._clock = times, clock
         self._triangles = {}  # by what the shader finds defined
         self._triangle = None  # that was drawn last
@@ -107,8 +85,7 @@ class RadianceLayer:
         self._sampling: Sampling | None = None  # once shifted images are rendered
         self._upsampling, self._upsampled_at = Upsampling(), None  # and the last Rung
         self._camera = self._kind = None  # of the shown picture: its camera, and what else decides
-        self._seen = self._pose = None  # what was rendered last
-        self._expect_all()
+        self.set_renderer(renderer)
         self._changed_at = 0.0
         self._note_progress()
 
@@ -143,14 +120,9 @@ class RadianceLayer:
     # -- rendering -----------------------------------------------------------------------
 
     def set_renderer(self, renderer) -> None:
-        """Take another renderer, of a field with the same mesh and levels."""
-        self._renderer = renderer
-        self._seen = self._pose = None
-        self._expect_all()
-
-    def _expect_all(self):
-        """The renderer is one of the whole field."""
-        cuts = self._drawn.cuts
+        """Take another renderer, of a whole field with the same mesh and levels."""
+        self._renderer, cuts = renderer, self._drawn.cuts
+        self._seen = self._pose = None  # what was rendered last
         self._cuts, self._kept = 0, None if cuts.some else cuts.kept
 
     def _follow_cuts(self):
@@ -233,8 +205,7 @@ class RadianceLayer:
         if seen == self._seen:
             return  # a frame in which nothing moves
         self._seen = seen
-        options = RenderOptions(background=tuple(settings.background))
-        mean, count, depth_range = None, len(moments), drawn.viewpoint.depth_range
+        mean, count = None, len(moments)
         for index, (camera, vertices) in enumerate(moments):
             pose = drawn.revision if vertices is None else object()
             if pose != self._pose:
@@ -242,8 +213,7 @@ class RadianceLayer:
                 self._renderer.set_vertices(now)
                 self._pose = pose
             camera = shifted(camera, count - 1 - index)
-            rows = 0, camera.height
-            image = render_mode(self._renderer, camera, settings.mode, options, rows, depth_range)
+            image = self._image(camera, (0, camera.height))
             if count > 1:
                 mean = mean or RunningMean(camera.width, camera.height, self.device)
                 mean.add(image)
@@ -384,26 +354,24 @@ class RadianceLayer:
 
     def _add_rows(self, picture, camera, rows=None):
         """Render rows of a picture, or its next strip; put them into its texture, if it has one."""
-        drawn, start, rows = self._drawn, time.perf_counter(), rows or picture.strip()
-        options = RenderOptions(background=tuple(drawn.settings.background), **picture.cheaper)
+        start, rows = time.perf_counter(), rows or picture.strip()
         if picture.texture is not None:
             camera = camera.resized(*picture.texture.size)
             with self._times.task("upload"):
                 picture.texture.prepare()
         with self._times.task("render"):
-            image = render_mode(
-                self._renderer,
-                camera,
-                drawn.settings.mode,
-                options,
-                rows,
-                drawn.viewpoint.depth_range,
-            )
+            image = self._image(camera, rows, **picture.cheaper)
             wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
         picture.add(image, time.perf_counter() - start)
         if picture.texture is not None:
             with self._times.task("upload"):
                 picture.texture.write(image, rows[0])
+
+    def _image(self, camera, rows, **cheaper):
+        """Render rows in the view mode that is shown."""
+        settings, depth_range = self._drawn.settings, self._drawn.viewpoint.depth_range
+        options = RenderOptions(background=tuple(settings.background), **cheaper)
+        return render_mode(self._renderer, camera, settings.mode, options, rows, depth_range)
 
     # -- OpenGL --------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ Shapes: N sub-tets that are left.
 
 import numpy as np
 
-from ...core.field import subtet_corners, unpack_mask
+from ...core.field import subtet_middles, unpack_mask
 from ..camera import away_from_lines, depth_at, project, within
 from ..document import masks_of
 from ..settings import DELETING
@@ -24,12 +24,11 @@ class Seen:
     def __init__(self, field, positions, camera, depth_image):
         """Take where its vertices are [V, 3], and the depths of the picture or None."""
         self._count = field.mesh.tet_count
-        self.tets, self.subtets = np.nonzero(unpack_mask(field.occupancy))
-        corners = positions[field.mesh.tets]
-        middles = np.einsum(
-            "nk,nkx->nx", subtet_corners().mean(axis=1)[self.subtets], corners[self.tets]
-        )
+        occupied = unpack_mask(field.occupancy)
+        self.tets, self.subtets = np.nonzero(occupied)
+        middles = subtet_middles(field.mesh, positions)[occupied]
         self.pixels, self._away = project(camera, middles)
+        corners = positions[field.mesh.tets]
         edge = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).mean())
         surface = np.full(len(middles), np.inf)
         if depth_image is not None:

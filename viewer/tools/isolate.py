@@ -17,7 +17,7 @@ from threading import Thread
 import numpy as np
 
 from ...core import field as fields
-from ...core.field import subtet_corners, subtet_middles, unpack_mask
+from ...core.field import subtet_middles, unpack_mask
 from .deleting import said
 from .keys import SHIFT
 from .tool import Tool
@@ -61,7 +61,9 @@ class Isolate(Tool):
         point = self.view.surface_at(pixel, beside=False)
         if point is None:
             return False
-        self._places = self._middles_now(), self._middles_at_rest()
+        mesh, left = self.scene.field.mesh, unpack_mask(self.scene.cuts.left)
+        shapes = self.scene.positions, mesh.rest_vertices
+        self._places = [subtet_middles(mesh, vertices)[left] for vertices in shapes]
         self._this, self.mode = not modifiers & SHIFT, "isolate"
         away = float(np.linalg.norm(point - self.view.camera.position))
         unit = 1.0 if self.view.camera.parallel else away
@@ -217,16 +219,6 @@ class Isolate(Tool):
         else:
             self.view.say(NEEDS_SCIPY if getattr(error, "name", "") == "scipy" else str(error))
             self.scene.settings.tool = "grab"
-
-    def _middles_now(self):
-        """Middles of what is left, now.  [N, 3]"""
-        mesh, left = self.scene.field.mesh, unpack_mask(self.scene.cuts.left)
-        corners = self.scene.positions[mesh.tets]
-        return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1), corners)[left]
-
-    def _middles_at_rest(self):
-        """The same at rest.  [N, 3]"""
-        return subtet_middles(self.scene.field.mesh)[unpack_mask(self.scene.cuts.left)]
 
     def _at_rest(self, point):
         """Where the matter nearest to a point is at rest.  [3]"""
