@@ -9,10 +9,9 @@ HOW = {0: "replace", SHIFT: "add", CTRL: "remove", SHIFT | CTRL: "intersect"}
 
 
 class Region(Tool):
-    """A tool that draws; `region` has the pixels of the box's corners, or of the lasso."""
+    """A tool that draws a `region`."""
 
     shape = "box"
-    region = ()
 
     def press(self, pixel, modifiers) -> bool:
         self.mode, self.region = self.shape, [pixel, pixel]

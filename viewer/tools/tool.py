@@ -19,6 +19,9 @@ class Tool:
         mode: What it does now; empty if it doesn't hold the mouse.
         told: What it has to say now, for a line over the view.
         busy: Whether it works something out, after which there is something new to see.
+        gizmo: The Gizmo of what is chosen; None without one.
+        held_drag: The Drag or BoneDrag in progress; None without one.
+        region: Pixels of the corners of the box that is drawn, or of the lasso.
         undoes, redoes: What of its own, not yet the object's, `undo` would take back, and `redo`
             bring again; or empty.
     """
@@ -26,6 +29,7 @@ class Tool:
     name = title = word = icon = hint = mode = told = undoes = redoes = ""
     cross, waits, can_cancel, busy = True, False, True, False
     gizmo = held_drag = None
+    region = ()
 
     def __init__(self, controls):
         """Take the Controls: the picture, where to tell things, and what the tool acts on."""
@@ -97,14 +101,9 @@ class CameraMove(Tool):
 class DragTool(Tool):
     """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo.
 
-    Each kind has all of the following.
-
     Attributes:
-        drag: What the button does, a Drag or a BoneDrag.
-        held_drag: The same, as long as it holds something; or None.
+        drag: What the button does, a Drag or a BoneDrag; `held_drag` while it holds something.
         drag_place: Where what is dragged is: the point that the axes of the drag go through.  [3]
-        waits: So far, it may be a click.
-        gizmo: The Gizmo of what is chosen; None without one.
     """
 
     drag = drag_place = None
