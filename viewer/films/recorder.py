@@ -2,6 +2,7 @@
 
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -99,10 +100,8 @@ class Recorder:
             self.video.push(image)
         except RuntimeError as error:
             video, self.video = self.video, None
-            try:
+            with suppress(RuntimeError):  # the same
                 video.close()
-            except RuntimeError:  # the same
-                pass
             self._fail(error)
 
     def save_screenshot(self, image=None) -> None:
@@ -155,23 +154,20 @@ class Recorder:
             return ""
         return self.message
 
-    def say(self, message: str) -> None:
-        """Show a message for a while, and print it."""
-        self._say(message, sys.stderr)
+    def say(self, message: str, stream=None) -> None:
+        """Show a message for a while, and print it, by default as what went wrong."""
+        message = readable(message)
+        self._said = time.monotonic(), message
+        print(printable(message), file=stream or sys.stderr, flush=True)
 
     def finished(self, path: Path) -> None:
         self.written.append(path)
         self._log("written", path=path)
-        self._say(f"wrote {path}", sys.stdout)
+        self.say(f"wrote {path}", sys.stdout)
 
     def _fail(self, error):
         self.failed = True
-        self._say(str(error), sys.stderr)
-
-    def _say(self, message, stream):
-        message = readable(message)
-        self._said = time.monotonic(), message
-        print(printable(message), file=stream, flush=True)
+        self.say(str(error))
 
 
 def stamped(stem: str, suffix: str) -> Path:
