@@ -103,11 +103,10 @@ class GroundPlane:
 
     def __init__(self, ctx: moderngl.Context, standing: DrawnObject):
         self._standing = standing
-        self._middles = None  # of what is left of the object
+        # Middles of what is left of the object; pose, what is left, and height of the shadow.
+        self._middles = self._shadow = self._seen = None
         self._texture = ctx.texture((CELLS, CELLS), 1)
         self._texture.repeat_x = self._texture.repeat_y = False
-        self._shadow = None
-        self._seen = None  # pose, what is left, and height of the shadow
 
     def uniforms(self, unit: int) -> dict:
         """What the shader takes, with the shadow's texture in that unit; nothing without ground."""

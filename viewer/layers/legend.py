@@ -98,6 +98,7 @@ class Legend:
     def release(self) -> None:
         if self._texture is not None:
             self._texture.release()
+        self._texture = self._shown = None
 
     def draw(self, scale: ColorScale, size: tuple[int, int], covered: int = 0) -> None:
         """Draw it into a framebuffer of that size, which is in use, left of what is covered."""

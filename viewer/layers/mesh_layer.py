@@ -49,7 +49,7 @@ class MeshLayer:
         faces, _ = boundary_faces(tets, cuts.neighbours)
         self._corners = faces.ravel()
         self._tets = tets[np.isin(tets, faces).any(axis=1)]  # about the seen vertices
-        self._release_faces()
+        self.release()
         self._buffer = ctx.buffer(reserve=max(16 * len(self._corners), 16), dynamic=True)
         layout = (self._buffer, "3f 1f", "position", "share")
         self._faces = ctx.vertex_array(self._program, [layout])
@@ -92,10 +92,7 @@ class MeshLayer:
             self._legend.draw(scale, (camera.width, camera.height), covered)
 
     def release(self) -> None:
-        self._release_faces()
         self._legend.release()
-
-    def _release_faces(self):
         for one in (self._faces, self._buffer):
             if one is not None:
                 one.release()

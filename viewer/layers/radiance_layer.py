@@ -381,7 +381,12 @@ class RadianceLayer:
         scaled = self.shown.texture.size != (camera.width, camera.height)
         smooth = scaled and settings.mode in SMOOTH_MODES
         ground = self._ground.uniforms(unit=2)
-        self._triangle = self._triangle_for(smooth, bool(ground))
+        # On a CPU, what a shader needn't do would take as long as the rest.
+        defines = ("SMOOTH",) * smooth + ("GROUND",) * bool(ground)
+        defines += ("BUFFER",) * self.shown.texture.is_buffer
+        if defines not in self._triangles:
+            self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
+        self._triangle = self._triangles[defines]
         (width, height), (x, y) = (camera.width, camera.height), camera.lens.center
         gl.set_uniforms(
             self._triangle.program,
@@ -429,14 +434,6 @@ class RadianceLayer:
         x, y = max(int(left), 0), max(int(camera.height - bottom), 0)
         width, height = int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
         return x, y, max(width, 1), max(height, 1)
-
-    def _triangle_for(self, smooth, has_ground):
-        """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
-        defines = ("SMOOTH",) * smooth + ("GROUND",) * has_ground
-        defines += ("BUFFER",) * self.shown.texture.is_buffer
-        if defines not in self._triangles:
-            self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
-        return self._triangles[defines]
 
     def _draw_triangle(self):
         self.shown.texture.use()

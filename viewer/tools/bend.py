@@ -11,7 +11,7 @@ import numpy as np
 from ..camera import project
 from ..document import MOST_ADDED
 from . import drags
-from .constraints import MOVE, Constraint
+from .drags import MOVE, Constraint
 from .gizmo import Gizmo, best_rotation
 from .keys import ALT, CTRL, SHIFT
 from .tool import DragTool

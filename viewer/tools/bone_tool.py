@@ -10,8 +10,7 @@ import numpy as np
 from ...wings.rig import reach, turned
 from ..camera import away_from_lines, project, ray
 from ..document import HEAD, TAIL, Joint, Matter
-from .constraints import MOVE, SCALE, TURN
-from .drags import BEHIND, Drag, is_ahead, miss_of
+from .drags import BEHIND, MOVE, SCALE, TURN, Drag, is_ahead, miss_of
 from .gizmo import Gizmo
 from .tool import DragTool
 
@@ -220,12 +219,11 @@ class BoneTool(DragTool):
 
     def delete(self) -> bool:
         """Delete the chosen joint; whether there was one."""
-        rigging = self.scene.rigging
-        if rigging.selected not in [joint.name for joint in rigging.joints]:
-            return False
-        rigging.delete_joint(*rigging.selected)
-        rigging.selected = None
-        return True
+        rigging, joint = self.scene.rigging, self._chosen
+        if joint is not None:
+            rigging.delete_joint(*joint.name)
+            rigging.selected = None
+        return joint is not None
 
 
 class PoseTool(BoneTool):

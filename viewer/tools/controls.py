@@ -12,13 +12,20 @@ import numpy as np
 from ..camera import pick_sphere, visible, zoomed
 from .bend import ORBITS, Bend
 from .bone_tool import JointTool, PoseTool
-from .brushes import DeleteBrush, Push, Soften, Stiffen
-from .constraints import LONGEST_NUMBER, SCALE, TURN, number_of
-from .drags import NOTHING
+from .brushes import (
+    DeleteBox,
+    DeleteBrush,
+    DeleteLasso,
+    Push,
+    SelectBox,
+    SelectLasso,
+    Soften,
+    Stiffen,
+)
+from .drags import LONGEST_NUMBER, NOTHING, SCALE, TURN, number_of
 from .gizmo import RING_STEP, Gizmo, Part, part_at, parts_of
 from .isolate import Isolate
-from .keys import ALT, CTRL, LEFT, MIDDLE, OTHER_NAMES, RIGHT, SHIFT
-from .regions import DeleteBox, DeleteLasso, SelectBox, SelectLasso
+from .keys import ALT, CTRL, LEFT, MIDDLE, OTHER_NAMES, RIGHT, SHIFT, key_name
 from .tool import CameraMove, DragTool, Tool
 from .viewport import Viewport
 
@@ -207,9 +214,7 @@ class Controls(Viewport):
 
     def on_key_press(self, symbol, modifiers):
         """Keys of numbers are a drag's as long as it goes on, and Enter, which ends a free one."""
-        from pyglet.window import key  # not at the top: it needs a display, or headless mode
-
-        name = key.symbol_string(symbol)
+        name = key_name(symbol)
         if name in ("ENTER", "NUM_ENTER") and not self.mode and self.tool.enter():
             return True
         if self.held_drag is None or modifiers & (CTRL | ALT):
