@@ -29,12 +29,7 @@ class Recorder:
         self.failed = False  # whether a file was lost
         self._canvas, self._log, self._fps = canvas, log, fps
         self._said = 0.0, ""  # when, and what
-        self._screenshot: Path | None = None
-
-    @property
-    def wants_screenshot(self) -> bool:
-        """Whether the frame that is being drawn is to be kept."""
-        return self._screenshot is not None
+        self.wants_screenshot: Path | None = None  # where the frame that is being drawn is kept
 
     @property
     def message(self) -> str:
@@ -44,7 +39,7 @@ class Recorder:
 
     def screenshot(self, path: Path | None = None) -> None:
         """Keep the next frame; by default in the current folder, named by date and time."""
-        self._screenshot = path or stamped("deformrf", ".png")
+        self.wants_screenshot = path or stamped("deformrf", ".png")
 
     def start(
         self,
@@ -106,10 +101,9 @@ class Recorder:
 
     def save_screenshot(self, image=None) -> None:
         """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
-        if self._screenshot is None:
-            return
-        path, self._screenshot = self._screenshot, None
-        self._write(path, save_png, path, self._canvas.read() if image is None else image)
+        path, self.wants_screenshot = self.wants_screenshot, None
+        if path is not None:
+            self._write(path, save_png, path, self._canvas.read() if image is None else image)
 
     def save_model(self, field) -> None:
         """Write a TetField as a model file into the current folder."""

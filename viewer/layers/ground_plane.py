@@ -32,7 +32,7 @@ class SubtetMiddles:
 
     def at(self, vertices):
         """Where they are for vertices [V, 3].  [N, 3]"""
-        return sum(self.weights[:, k, None] * vertices[self.corners[:, k]] for k in range(4))
+        return np.einsum("nk,nkx->nx", self.weights, vertices[self.corners])
 
 
 def occupied_middles(field) -> SubtetMiddles:
@@ -62,19 +62,14 @@ def shadow(points, height: float, size: float) -> Shadow:
     column, row = ((points[:, :2] - center) / side * CELLS + 0.5 * CELLS).astype(int).T
     lowest = np.full(CELLS * CELLS, np.inf, points.dtype)
     np.minimum.at(lowest, row * CELLS + column, np.maximum(points[:, 2] - height, 0.0) / size)
-    lowest = _spread(lowest.reshape(CELLS, CELLS))
+    lowest = lowest.reshape(CELLS, CELLS)
+    for _ in range(2):  # the lowest of a cell and those around it: points are not in every cell
+        padded = np.pad(lowest, ((1, 1), (0, 0)), mode="edge")
+        lowest = np.minimum(np.minimum(padded[:-2], padded[2:]), lowest).T
     light = np.ones((CELLS, CELLS))
     for reach, blur, dark in (CONTACT, AMBIENT):
         light *= 1.0 - dark * _blurred(np.exp(-lowest / reach), blur)
     return Shadow(1.0 - light, (float(center[0]), float(center[1])), side)
-
-
-def _spread(heights):
-    """The lowest of a cell and those around it: points are not in every cell."""
-    for _ in range(2):
-        padded = np.pad(heights, ((1, 1), (0, 0)), mode="edge")
-        heights = np.minimum(np.minimum(padded[:-2], padded[2:]), heights).T
-    return heights
 
 
 def _blurred(picture, width: int):

@@ -265,7 +265,7 @@ class RadianceLayer:
         settings, shown = self._drawn.settings, self.shown.texture
         kind = settings.mode, settings.background, self._cuts, self._renderer, camera.parallel
         same, self._kind = kind == self._kind, kind
-        sizes = [_size_of(camera, scale) for scale in (1.0, SMALL)]
+        sizes = _size_of(camera, 1.0), _size_of(camera, SMALL)
         fits = shown is not None and shown.size in sizes
         if not same or not fits or self._camera is None or not self._may_upsample(self._camera):
             return None
@@ -298,11 +298,11 @@ class RadianceLayer:
         rows = 0, camera.height
         # The rest is background already.
         if view is not None and last.part is not None and picture.texture is last.texture:
-            ends = [end for one in (last.part[0], part[0]) for end in (one.start, one.stop)]
-            rows = min(ends), max(ends)
+            old, new = last.part[0], part[0]
+            rows = min(old.start, new.start), max(old.stop, new.stop)
         with self._times.task("upload"):
-            color, depth = (array[slice(*rows)] for array in (image.color, image.depth))
-            picture.texture.write(Image(color, depth, 0), rows[0])
+            strip = slice(*rows)
+            picture.texture.write(Image(image.color[strip], image.depth[strip], 0), rows[0])
         picture.add(image, 0.0)
         picture.factor, picture.part = rung.factor, part
         self.shown, self._coming, self._sampling = picture, None, None
@@ -459,4 +459,4 @@ class RadianceLayer:
 
 def _size_of(camera, factor):
     """Width and height of a picture with that share of a camera's, at least 8 × 8."""
-    return tuple(max(8, round(factor * side)) for side in (camera.width, camera.height))
+    return max(8, round(factor * camera.width)), max(8, round(factor * camera.height))

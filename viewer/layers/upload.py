@@ -71,10 +71,6 @@ class ImageTarget:
         """Put an Image of core/render at `first_row`, counted from the top."""
         self._write([image.color, image.depth], first_row)
 
-    def _check(self, pixels, first_row):
-        height, width = pixels.shape
-        assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
-
 
 class SharedImage(ImageTarget):
     """Both images in an OpenGL buffer that CUDA writes.
@@ -123,7 +119,6 @@ class SharedImage(ImageTarget):
             self._mapped = None
 
     def _write(self, arrays, first_row):
-        self._check(arrays[0], first_row)
         if self._mapped is None:
             self._map()
         wp.get_stream(self._device).wait_stream(self._beside)
@@ -172,15 +167,15 @@ class ImageTexture(ImageTarget):
         self._pinned = {}  # memory of the host that CUDA copies to, by the pixels' type
 
     def _write(self, arrays, first_row):
-        self._check(arrays[0], first_row)
         for texture, pixels in zip((self.color, self.depth), arrays, strict=False):
+            if pixels.device.is_cuda:
+                pixels = self._pinned_copy(pixels)
             height, width = pixels.shape
-            texture.write(self._on_host(pixels), viewport=(0, first_row, width, height))
+            strip = 0, first_row, width, height
+            texture.write(np.ascontiguousarray(pixels.numpy()), viewport=strip)
 
-    def _on_host(self, pixels):
-        """The pixels as a NumPy array, which the next call may overwrite."""
-        if not pixels.device.is_cuda:
-            return np.ascontiguousarray(pixels.numpy())
+    def _pinned_copy(self, pixels):
+        """On the host; the next call may overwrite it."""
         if pixels.dtype not in self._pinned:
             count = self.size[0] * self.size[1]
             memory = wp.empty(count, dtype=pixels.dtype, device="cpu", pinned=True)
@@ -188,7 +183,7 @@ class ImageTexture(ImageTarget):
         pinned = self._pinned[pixels.dtype][: pixels.size].reshape(pixels.shape)
         wp.copy(pinned, pixels.contiguous())
         wp.synchronize_device(pixels.device)
-        return pinned.numpy()
+        return pinned
 
     def use(self) -> None:
         """Give shaders the colors as unit 0 and the depths as unit 1."""
