@@ -42,8 +42,7 @@ class BoneLayer:
         eye = drawn.viewpoint.orbit.pose  # far ones are drawn first
         shown = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
         self._written.of(shown, lambda: self._write(place))
-        self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
-        gl.blend_over(self._ctx)
+        gl.blend_over(self._ctx, moderngl.CULL_FACE)
         matrices = gl.view_matrices(camera, clip_range)
         self._bones.render(moderngl.TRIANGLES, VERTICES, opacity=OPACITY, **matrices)
         self._ctx.enable_only(moderngl.BLEND)

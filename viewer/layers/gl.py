@@ -115,8 +115,9 @@ def depth_only(ctx: moderngl.Context):
         framebuffer.use()
 
 
-def blend_over(ctx: moderngl.Context) -> None:
-    """Blend colors over those that are there; of transparent pictures, opacities too."""
+def blend_over(ctx: moderngl.Context, also: int = moderngl.NOTHING) -> None:
+    """Blend colors over those that are there, of transparent pictures opacities; enable `also`."""
+    ctx.enable_only(moderngl.BLEND | also)
     over = moderngl.ONE_MINUS_SRC_ALPHA
     ctx.blend_func = moderngl.SRC_ALPHA, over, moderngl.ONE, over
 

@@ -74,8 +74,7 @@ class MarkLayer(Spheres):
         """Draw places [n, 3] with tints [n, 3] and one radius, n at most MOST_MARKS."""
         places, tints, radius = marks
         self.write(far_first(sphere_rows(places, radius, tints), places, camera.position))
-        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        gl.blend_over(self._ctx)
+        gl.blend_over(self._ctx, moderngl.DEPTH_TEST)
         self.draw(camera, clip_range, MARK_NEARER * radius, MARK_OPACITY)
 
 
@@ -92,8 +91,7 @@ class HandleLayer:
         drawn, spheres = self._drawn, self._spheres
         if not drawn.settings.show_handles and drawn.ball is None:
             return
-        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        gl.blend_over(self._ctx)
+        gl.blend_over(self._ctx, moderngl.DEPTH_TEST)
         spheres.write(sphere_instances(drawn, camera.position))
         spheres.draw(camera, clip_range, drawn.handle_bias)
         grabbed = drawn.handles.grabbed

@@ -110,7 +110,6 @@ class Legend:
         width, height = self._texture.size
         margin = round(0.02 * size[1])
         left, bottom = size[0] - covered - margin - width, (size[1] - height) // 2
-        self._ctx.enable_only(moderngl.BLEND)
         gl.blend_over(self._ctx)
         self._ctx.viewport = left, bottom, width, height
         self._texture.use(0)

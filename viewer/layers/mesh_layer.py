@@ -84,8 +84,7 @@ class MeshLayer:
         ctx.enable_only(moderngl.DEPTH_TEST)
         with gl.depth_only(ctx):  # of the nearest faces, so that these alone are blended
             self._faces.render(moderngl.TRIANGLES)
-        ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        gl.blend_over(ctx)
+        gl.blend_over(ctx, moderngl.DEPTH_TEST)
         self._faces.render(moderngl.TRIANGLES)
         self._draw_depth()
         if filled and scale is not None:
