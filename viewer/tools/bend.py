@@ -31,8 +31,7 @@ class Bend(DragTool):
         spot: Of the surface, where a drag from under the mouse would take hold; or None.  [3]
     """
 
-    word = "Bend"
-    name, title, icon, cross = "grab", "Bend", "hand_pointer", False
+    cross = False
     hint = (
         "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"
     )

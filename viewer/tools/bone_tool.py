@@ -29,11 +29,13 @@ class BoneDrag(Drag):
 
 
 class BoneTool(DragTool):
-    """The tools "joints" and "bones".
+    """Turns bones, reaches with their tips, and moves roots.
 
     Attributes:
         place: Where a joint that is dragged would go, or None.  [3]
     """
+
+    hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
 
     place = None
     on_joints = False  # places joints, instead of posing bones
@@ -226,22 +228,12 @@ class BoneTool(DragTool):
         return joint is not None
 
 
-class PoseTool(BoneTool):
-    """Turns bones, reaches with their tips, and moves roots."""
-
-    word = "Bones"
-    name, title, icon = "bones", "Pose bones", "person_running"
-    hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
-
-
 class JointTool(BoneTool):
     """Places and moves joints."""
 
     on_joints = True
     _matter = None  # what was deleted, and the Matter that is left, once it is needed
 
-    word = "Joints"
-    name, title, icon = "joints", "Place joints", "bone"
     hint = "Click on the object: a joint, joined to the chosen one.  Drag: move.  Esc: back to Bend"
 
     def click(self, pixel) -> None:

@@ -3,21 +3,20 @@
 import numpy as np
 
 from ..camera import onto_view_plane, project, ray, within
-from .deleting import BRUSH, Seen, said
+from .deleting import Seen, said
 from .keys import CTRL, SHIFT
 from .tool import Tool
 
 BRUSH_RADII = 4.0, 300.0  # points
 WIDER_PER_NOTCH = 1.15  # of the brush
 HOW = {0: "replace", SHIFT: "add", CTRL: "remove", SHIFT | CTRL: "intersect"}
+PAINT = {"stiffen": (1.2, "stiffer"), "soften": (1.0 / 1.2, "softer")}  # at each move
 PAUSED_BALL = "paused: the ball pushes when time goes on (Space), or by a step (.)"
 
 
 class Push(Tool):
     """A ball on the surface under the mouse pushes the object."""
 
-    word = "Push"
-    name, title, icon = "push", "Push with a ball", "bowling_ball"
     hint = "Drag: a ball pushes the object.  Esc: back to Bend"
 
     _miss = None  # from the center of the ball to the press  [2]
@@ -53,7 +52,10 @@ class Paint(Tool):
     """Changes the stiffness of what the mouse passes, within the grab radius."""
 
     can_cancel = False
-    factor = 1.2  # at each event of the mouse
+
+    @property
+    def hint(self):
+        return f"Drag over the object: it gets {PAINT[self.name][1]} there.  Esc: back to Bend"
 
     def press(self, pixel, modifiers) -> bool:
         self.mode = "paint"
@@ -62,30 +64,16 @@ class Paint(Tool):
     def move(self, before, pixel) -> bool:
         point = self.view.surface_at(pixel, beside=False)
         if point is not None:
-            self.scene.paint(point, self.factor)
+            self.scene.paint(point, PAINT[self.name][0])
         return True
 
     def release(self, pixel, clicked, modifiers) -> None:
         self.view.log("paint", factors=self.scene.body.factors is not None)
 
 
-class Stiffen(Paint):
-    word = "Stiffen"
-    name, title, icon = "stiffen", "Stiffen", "gem"
-    hint = "Drag over the object: it gets stiffer there.  Esc: back to Bend"
-
-
-class Soften(Paint):
-    word = "Soften"
-    name, title, icon, factor = "soften", "Soften", "feather", 1.0 / 1.2
-    hint = "Drag over the object: it gets softer there.  Esc: back to Bend"
-
-
 class DeleteBrush(Tool):
     """Deletes what is under the brush, one layer a stroke; beside the object the drag orbits."""
 
-    word = "Erase"
-    name, title, icon = BRUSH, "Delete with a brush", "eraser"
     hint = (
         "Drag over what is to go, a layer a stroke.  Shift: all through.  Wheel: size.  Esc: back"
     )
@@ -136,16 +124,14 @@ class DeleteBrush(Tool):
 
 
 class Region(Tool):
-    """A tool that draws a `region`."""
-
-    shape = "box"
+    """A tool that draws a `region`: a box or a lasso, as its name ends."""
 
     def press(self, pixel, modifiers) -> bool:
-        self.mode, self.region = self.shape, [pixel, pixel]
+        self.mode, self.region = self.name.split()[-1], [pixel, pixel]
         return True
 
     def move(self, before, pixel) -> bool:
-        if self.shape == "box":
+        if self.mode == "box":
             self.region = [self.region[0], pixel]
         else:
             self.region.append(pixel)
@@ -157,7 +143,7 @@ class Region(Tool):
     @property
     def outline(self):
         """The pixels around it: a box's corners, or the lasso.  [K, 2]"""
-        if self.shape == "lasso":
+        if self.mode == "lasso":
             return self.region
         (x0, y0), (x1, y1) = self.region
         return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -177,16 +163,6 @@ class SelectRegion(Region):
         self.view.log("select", vertices=handles.selected)
 
 
-class SelectBox(SelectRegion):
-    word = "Select"
-    name, title, icon = "box", "Select in a box", "vector_square"
-
-
-class SelectLasso(SelectRegion):
-    word = "Lasso"
-    name, title, icon, shape = "lasso", "Select in a lasso", "draw_polygon", "lasso"
-
-
 class DeleteRegion(Region):
     """Deletes what is inside, all through; with Ctrl what is outside."""
 
@@ -198,13 +174,3 @@ class DeleteRegion(Region):
         chosen = seen.inside(self.outline)
         self.view.say(said(cuts, lambda: cuts.delete(seen.masks(chosen != others))))
         self.view.log("delete", left=int(cuts.kept.sum()))
-
-
-class DeleteBox(DeleteRegion):
-    word = "Cut box"
-    name, title, icon = "delete box", "Delete in a box", "crop_simple"
-
-
-class DeleteLasso(DeleteRegion):
-    word = "Cut out"
-    name, title, icon, shape = "delete lasso", "Delete in a lasso", "scissors", "lasso"

@@ -11,17 +11,9 @@ import numpy as np
 
 from ..camera import pick_sphere, visible, zoomed
 from .bend import ORBITS, Bend
-from .bone_tool import JointTool, PoseTool
-from .brushes import (
-    DeleteBox,
-    DeleteBrush,
-    DeleteLasso,
-    Push,
-    SelectBox,
-    SelectLasso,
-    Soften,
-    Stiffen,
-)
+from .bone_tool import BoneTool, JointTool
+from .brushes import DeleteBrush, DeleteRegion, Paint, Push, SelectRegion
+from .deleting import BRUSH
 from .drags import LONGEST_NUMBER, NOTHING, SCALE, TURN, number_of
 from .gizmo import RING_STEP, Gizmo, Part, part_at, parts_of
 from .isolate import Isolate
@@ -29,9 +21,21 @@ from .keys import ALT, CTRL, LEFT, MIDDLE, OTHER_NAMES, RIGHT, SHIFT, key_name
 from .tool import CameraMove, DragTool, Tool
 from .viewport import Viewport
 
-KINDS_OF_TOOL = (  # in the order of their buttons
-    *(Bend, SelectBox, SelectLasso, Push, Stiffen, Soften),
-    *(DeleteBrush, DeleteBox, DeleteLasso, Isolate, JointTool, PoseTool),
+# In the order of their buttons; the name is the value of Settings.tool, one of TOOLS.  What it is
+# called, in full and in a word, and the name of a glyph are its button's.
+KINDS_OF_TOOL = (
+    (Bend, "grab", "Bend", "Bend", "hand_pointer"),
+    (SelectRegion, "box", "Select in a box", "Select", "vector_square"),
+    (SelectRegion, "lasso", "Select in a lasso", "Lasso", "draw_polygon"),
+    (Push, "push", "Push with a ball", "Push", "bowling_ball"),
+    (Paint, "stiffen", "Stiffen", "Stiffen", "gem"),
+    (Paint, "soften", "Soften", "Soften", "feather"),
+    (DeleteBrush, BRUSH, "Delete with a brush", "Erase", "eraser"),
+    (DeleteRegion, "delete box", "Delete in a box", "Cut box", "crop_simple"),
+    (DeleteRegion, "delete lasso", "Delete in a lasso", "Cut out", "scissors"),
+    (Isolate, "isolate", "Isolate one thing", "Isolate", "object_ungroup"),
+    (JointTool, "joints", "Place joints", "Joints", "bone"),
+    (BoneTool, "bones", "Pose bones", "Bones", "person_running"),
 )
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 ZOOM_PER_NOTCH = 0.88
@@ -59,7 +63,9 @@ class Controls(Viewport):
         """
         super().__init__(scene.viewpoint, depth_image)
         self.scene, self.log, self.say = scene, log, say
-        self.tools: dict[str, Tool] = {kind.name: kind(self) for kind in KINDS_OF_TOOL}
+        self.tools: dict[str, Tool] = {row[1]: row[0](self) for row in KINDS_OF_TOOL}
+        for tool, row in zip(self.tools.values(), KINDS_OF_TOOL, strict=True):
+            _, tool.name, tool.title, tool.word, tool.icon = row
         self._camera_move, self._nobody = CameraMove(self), Tool(self)
         self._nobody.can_cancel = False
         self.holder: Tool = self._nobody
@@ -87,7 +93,7 @@ class Controls(Viewport):
         return "gizmo" if self._on_part else self.holder.mode
 
     @property
-    def bones(self) -> JointTool | PoseTool:
+    def bones(self) -> BoneTool:
         """The tool that has, or would have, a joint or a bone."""
         return self.tools["joints" if self.scene.settings.tool == "joints" else "bones"]
 

@@ -39,8 +39,6 @@ class Isolate(Tool):
         strokes: Those that count, one after another; another tuple after each change.
     """
 
-    word = "Isolate"
-    name, title, icon = "isolate", "Isolate one thing", "object_ungroup"
     hint = "Click the object.  Drag: this.  Shift: not this.  Enter: cut the rest off.  Esc: back"
 
     _work: Future | None = None  # in progress, and since when

@@ -11,8 +11,7 @@ class Tool:
     """One tool.
 
     Attributes:
-        name: One of TOOLS, the value of Settings.tool.
-        title, word, icon: Of its button: what it is called, in one word, and the name of a glyph.
+        name, title, word, icon: Its row of controls.KINDS_OF_TOOL.
         hint: What it does, for the status line.
         cross: Whether the mouse is shown as a cross.
         waits: Whether it waits until the mouse has moved farther than in a click.
