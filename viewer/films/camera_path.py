@@ -94,7 +94,6 @@ def _is_data_set(read) -> bool:
 
 
 def _photographed(path, world_to_model, center, size):
-    """The orbits of a data set's cameras, with their lenses."""
     from ...core.training import DatasetError, list_cameras
 
     try:

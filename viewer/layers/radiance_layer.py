@@ -92,7 +92,6 @@ class RadianceLayer:
     # -- how far it is -------------------------------------------------------------------
 
     def _note_progress(self):
-        """Say anew how far it is."""
         coming, self.factor = self._coming, self.shown.factor
         self.refined = float(self.factor == 1.0)
         if self.refined < 1.0 and coming is not None and coming.factor == 1.0:
@@ -317,7 +316,6 @@ class RadianceLayer:
         return Image(color, wp.array(self.shown.depth, dtype=float, device="cpu"), 0)
 
     def _render_at(self, factor, camera, cheaper=None):
-        """Render a whole picture."""
         picture = self._picture(factor, camera, self.shown.texture, cheaper)
         self._add_rows(picture, camera, (0, picture.height))
         self.shown, self._coming, self._sampling = picture, None, None

@@ -185,7 +185,6 @@ class BoneTool(DragTool):
 
     @property
     def _chosen(self):
-        """The joint that is chosen, or None."""
         rigging = self.scene.rigging
         return next((one for one in rigging.joints if one.name == rigging.selected), None)
 

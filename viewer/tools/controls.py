@@ -12,8 +12,7 @@ import numpy as np
 from ..camera import pick_sphere, visible, zoomed
 from .bend import ORBITS, Bend
 from .bone_tool import BoneTool, JointTool
-from .brushes import DeleteBrush, DeleteRegion, Paint, Push, SelectRegion
-from .deleting import BRUSH
+from .brushes import BRUSH, DeleteBrush, DeleteRegion, Paint, Push, SelectRegion
 from .drags import LONGEST_NUMBER, NOTHING, SCALE, TURN, number_of
 from .gizmo import RING_STEP, Gizmo, Part, part_at, parts_of
 from .isolate import Isolate
@@ -388,7 +387,6 @@ class Controls(Viewport):
         return None if part is None or self.tool.has_before_gizmo(pixel) else part
 
     def _take_part(self) -> None:
-        """Begin the drag of the part of the gizmo on which the button went down."""
         tool, part, self._on_part = self.tool, self.part, False
         gizmo = tool.gizmo
         if gizmo is None or not tool.take(gizmo.kind):  # a key took the selection away

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...core import field as fields
 from ...core.field import subtet_middles, unpack_mask
-from .deleting import said
+from .brushes import said
 from .keys import SHIFT
 from .tool import Tool
 
@@ -194,7 +194,6 @@ class Isolate(Tool):
             self._begin(partial(singled_out, self._isolation, self.strokes))
 
     def _begin(self, work):
-        """Have something worked out of what is there now."""
         self._asked, self._since = (self.scene.cuts.revision, self.strokes), time.monotonic()
         self._work = in_thread(work)
 

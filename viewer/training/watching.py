@@ -164,7 +164,6 @@ class Watcher:
         self._scene, self._home = scene, home
 
     def _leave(self):
-        """Watch the run no longer."""
         self._watching = False
         if self._scene is not None:
             self.app.scene.settings.accumulate = self._accumulates
