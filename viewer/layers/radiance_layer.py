@@ -1,11 +1,8 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
-While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows; on a CPU, those between are taken from the image before (Upsampling).  At rest
-finer images follow, up to the full resolution, and then shifted images whose mean is shown.  They
-are rendered a strip of rows per frame (resolution.py), and shown when they are whole: a seam that
-moves would look like something in the picture.
-The depth is that of the unshifted image: other things in the scene hide behind the object.
+resolution.py says how many pixels are rendered when.  A picture is shown when it is whole: a seam
+that moves would look like something in the picture.  The depth is that of the unshifted image:
+other things in the scene hide behind the object.
 """
 
 import time
@@ -206,11 +203,10 @@ class RadianceLayer:
         self._seen = seen
         mean, count = None, len(moments)
         for index, (camera, vertices) in enumerate(moments):
-            pose = drawn.revision if vertices is None else object()
-            if pose != self._pose:
+            if vertices is not None or drawn.revision != self._pose:
                 now = drawn.solver.vertices if vertices is None else vertices
                 self._renderer.set_vertices(now)
-                self._pose = pose
+                self._pose = drawn.revision if vertices is None else None
             camera = shifted(camera, count - 1 - index)
             image = self._image(camera, (0, camera.height))
             if count > 1:

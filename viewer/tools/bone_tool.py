@@ -1,7 +1,4 @@
-"""Bones under the mouse: joints are placed and moved, bones turned, and reached with.
-
-Pixels are the image's, x to the right, y down.
-"""
+"""Bones under the mouse: joints are placed and moved, bones turned, and reached with."""
 
 from dataclasses import dataclass, replace
 

@@ -111,7 +111,7 @@ class Fly:
     def on_key_release(self, symbol, modifiers):
         self._held.discard(key_name(symbol))
 
-    def on_mouse_motion(self, x, y, dx, dy):
+    def on_mouse_motion(self, x, y, dx, dy, *_buttons):
         self._end_if_parallel()
         if not self.on:
             return None
@@ -120,8 +120,7 @@ class Fly:
         self._put_target(eye, self._scene.orbit.distance)
         return True
 
-    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
-        return self.on_mouse_motion(x, y, dx, dy)
+    on_mouse_drag = on_mouse_motion
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         self.speed = float(np.clip(self.speed * FASTER**scroll_y, SLOWEST, FASTEST))

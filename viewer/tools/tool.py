@@ -21,8 +21,8 @@ class Tool:
         gizmo: The Gizmo of what is chosen; None without one.
         held_drag: The Drag or BoneDrag in progress; None without one.
         region: Pixels of the corners of the box that is drawn, or of the lasso.
-        undoes, redoes: What of its own, not yet the object's, `undo` would take back, and `redo`
-            bring again; or empty.
+        undoes, redoes: What of its own, not yet the object's, its `undo` would take back, and its
+            `redo` bring again; or empty.
     """
 
     name = title = word = icon = hint = mode = told = undoes = redoes = ""
@@ -64,12 +64,6 @@ class Tool:
     def enter(self) -> bool:
         """Enter is pressed, and no button is down; whether the tool takes it."""
         return False
-
-    def undo(self) -> None:
-        """Take back what `undoes` names."""
-
-    def redo(self) -> None:
-        """Bring again what `redoes` names."""
 
     def cancel(self) -> None:
         """Give up what the button does: all is as it was before the press."""
