@@ -263,20 +263,14 @@ class Controls(Viewport):
         self.cancel()
         if journal.cursor < count:  # a drag's step, which is all that is taken back
             return "drag"
-        label = self.undoes
-        if self.tool.undoes:
-            self.tool.undo()
-            return label
-        return label if scene.undo() else None
+        label, undoing = self.undoes, self.tool if self.tool.undoes else scene
+        return label if undoing.undo() else None
 
     def redo(self) -> str | None:
         """Do the step again that was undone last; returns which.  None: there is none."""
         self.cancel()
-        label = self.redoes
-        if self.tool.redoes:
-            self.tool.redo()
-            return label
-        return label if self.scene.redo() else None
+        label, redoing = self.redoes, self.tool if self.tool.redoes else self.scene
+        return label if redoing.redo() else None
 
     def reset(self) -> None:
         """Give up the gesture, and reset the deformation."""

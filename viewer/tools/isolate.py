@@ -117,13 +117,15 @@ class Isolate(Tool):
     def redoes(self) -> str:
         return "stroke" * bool(self._undone)
 
-    def undo(self) -> None:
+    def undo(self) -> bool:
         *left, last = self.strokes
         self.strokes, self._undone = tuple(left), (*self._undone, last)
+        return True
 
-    def redo(self) -> None:
+    def redo(self) -> bool:
         *self._undone, last = self._undone
         self.strokes = (*self.strokes, last)
+        return True
 
     def forget(self) -> None:
         """Give up all strokes."""
