@@ -12,6 +12,7 @@ import moderngl
 import numpy as np
 
 from ...core.field import subtet_corners, unpack_mask
+from ...core.geometry import EmbeddedPoints
 from .drawn import DrawnObject
 
 MOST_POINTS = 8_000
@@ -23,25 +24,13 @@ LINES = 5.0  # of the ground, about, over the length of the object
 PLAIN_LENGTHS = 1.0, 2.0, 5.0  # times powers of ten: between two lines [m]
 
 
-@dataclass(frozen=True)
-class SubtetMiddles:
-    """Points of the object that move with its vertices."""
-
-    corners: np.ndarray  # [N, 4] vertex ids
-    weights: np.ndarray  # [N, 4]
-
-    def at(self, vertices):
-        """Where they are for vertices [V, 3].  [N, 3]"""
-        return np.einsum("nk,nkx->nx", self.weights, vertices[self.corners])
-
-
-def occupied_middles(field) -> SubtetMiddles:
+def occupied_middles(field) -> EmbeddedPoints:
     """The middles of a field's occupied sub-tets, at most MOST_POINTS, evenly chosen."""
     tet, subtet = np.nonzero(unpack_mask(field.occupancy))
     step = max(1, -(-len(tet) // MOST_POINTS))
     tet, subtet = tet[::step], subtet[::step]
     weights = subtet_corners().mean(axis=1).astype(np.float32)
-    return SubtetMiddles(field.mesh.tets[tet], weights[subtet])
+    return EmbeddedPoints(field.mesh.tets[tet], weights[subtet])
 
 
 @dataclass(frozen=True)
@@ -116,7 +105,7 @@ class GroundPlane:
             self._middles = occupied_middles(cuts.field)
             self._seen = None
         if self._seen != (standing.revision, cuts.revision, height):
-            self._shadow = shadow(self._middles.at(standing.positions), height, standing.size)
+            self._shadow = shadow(self._middles.points(standing.positions), height, standing.size)
             self._texture.write(np.round(255.0 * self._shadow.shade).astype(np.uint8).tobytes())
             self._seen = standing.revision, cuts.revision, height
         self._texture.use(unit)

@@ -17,10 +17,10 @@ import time
 import numpy as np
 
 from ...core.field import subtet_corners, unpack_mask
+from ...core.geometry import EmbeddedPoints
 from ...core.render import Renderer, from_field_of_view, look_at, views_of_rows
 from ..camera import visible
 from .drawn import DrawnObject
-from .ground_plane import SubtetMiddles
 from .handle_layer import MOST_MARKS
 
 NEAR, FAR = 20.0, 45.0  # degrees
@@ -52,14 +52,14 @@ class Photographed:
             return None
         positions, middles = self._drawn.positions, self._middles
         rest = self._drawn.field.mesh.rest_vertices
-        places = middles.at(positions)
+        places = middles.points(positions)
         ways = camera.position - places
         if camera.parallel:
             ways[:] = -camera.forward
         ways = at_rest(ways, positions[middles.corners], rest[middles.corners])
         cosines = np.einsum("vsx,sx->vs", self._seen, ways.astype(np.float32)).max(axis=0)
         angles = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[:, None]
-        dark = (middles.at(rest).sum(axis=1) / (STRIPE * self._edge) % 1.0 < 0.5)[:, None]
+        dark = (middles.points(rest).sum(axis=1) / (STRIPE * self._edge) % 1.0 < 0.5)[:, None]
         tints = np.where(angles > FAR, np.where(dark, 0.5, 1.0) * np.array(MISSED), HARDLY) / 255.0
         marked = angles[:, 0] > NEAR
         return places[marked], tints[marked], 0.4 * self._edge
@@ -99,8 +99,8 @@ class Photographed:
         renderer.set_vertices(mesh.rest_vertices)
         renderer.set_occupancy(drawn.cuts.left)
         tets, subtets = np.nonzero(unpack_mask(drawn.cuts.left))
-        all_ = SubtetMiddles(mesh.tets[tets], subtet_corners().mean(axis=1)[subtets])
-        middles = all_.at(mesh.rest_vertices)
+        all_ = EmbeddedPoints(mesh.tets[tets], subtet_corners().mean(axis=1)[subtets])
+        middles = all_.points(mesh.rest_vertices)
         sides = mesh.rest_vertices[all_.corners[:, 1]] - mesh.rest_vertices[all_.corners[:, 0]]
         self._edge = float(np.linalg.norm(sides, axis=1).mean()) / 4.0
         thick, surface = SURFACE * self._edge, np.zeros(len(tets), bool)
@@ -111,7 +111,7 @@ class Photographed:
             yield number / total
         chosen = np.flatnonzero(surface)
         chosen = chosen[:: 1 + len(chosen) // MOST_MARKS]
-        self._middles = SubtetMiddles(all_.corners[chosen], all_.weights[chosen])
+        self._middles = EmbeddedPoints(all_.corners[chosen], all_.weights[chosen])
         places = middles[chosen]
         self._seen = np.zeros((1 + len(views), len(chosen), 3), np.float32)
         renderer.set_occupancy(field.occupancy)  # what has been cut off since was in the pictures
