@@ -119,6 +119,8 @@ class SharedImage(ImageTarget):
             self._mapped = None
 
     def _write(self, arrays, first_row):
+        height, width = arrays[0].shape
+        assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
         if self._mapped is None:
             self._map()
         wp.get_stream(self._device).wait_stream(self._beside)

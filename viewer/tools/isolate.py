@@ -18,6 +18,7 @@ import numpy as np
 
 from ...core import field as fields
 from ...core.field import subtet_middles, unpack_mask
+from ...core.geometry import EmbeddedPoints
 from .brushes import said
 from .keys import SHIFT
 from .tool import Tool
@@ -169,9 +170,8 @@ class Isolate(Tool):
         solid = np.flatnonzero((isolation.opacity > SOLID) & (known | ~kept))
         solid = solid[:: 1 + len(solid) // MARKS_MAX]
         matter = isolation.matter
-        mesh, positions = self.scene.field.mesh, self.scene.positions
-        corners = mesh.tets[matter.tets[solid]]
-        places = np.einsum("nk,nkx->nx", matter.weights[solid], positions[corners])
+        corners = self.scene.field.mesh.tets[matter.tets[solid]]
+        places = EmbeddedPoints(corners, matter.weights[solid]).points(self.scene.positions)
         return places, np.where(kept[solid, None], OURS, OTHERS), 0.4 * matter.edge
 
     def _follow(self):
