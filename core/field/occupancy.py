@@ -20,9 +20,14 @@ def subtet_corners() -> np.ndarray:
     return path_corners(LEVELS) / 2**LEVELS
 
 
-def subtet_middles(mesh: TetMesh) -> np.ndarray:
-    """The middles of all sub-tets at rest.  [T, 64, 3] float32"""
-    corners = mesh.rest_vertices[mesh.tets].astype(np.float32)
+def subtet_middles(mesh: TetMesh, vertices=None) -> np.ndarray:
+    """The middles of all sub-tets, by default at rest.  [T, 64, 3] float32
+
+    Args:
+        vertices: Where those of the mesh are.  [V, 3]
+    """
+    vertices = mesh.rest_vertices if vertices is None else vertices
+    corners = vertices[mesh.tets].astype(np.float32)
     return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1).astype(np.float32), corners)
 
 

@@ -23,6 +23,7 @@ from .lattice import (
 )
 
 # For the rooms next door.
+from .embedded import EmbeddedPoints as EmbeddedPoints
 from .planes import Plane as Plane, heaviest_plane as heaviest_plane
 from .lattice import morton_order as morton_order
 from .coloring import color_order as color_order, lattice_addresses as lattice_addresses

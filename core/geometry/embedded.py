@@ -18,17 +18,23 @@ MOST_STEPS = 64  # from tet to tet; a point that is farther away keeps the last 
 
 
 @dataclass(frozen=True)
-class EmbeddedSurface:
-    """Triangles on points that tets carry."""
+class EmbeddedPoints:
+    """Points that tets carry."""
 
     corners: np.ndarray  # [N, 4] int32: vertices of the tet that carries each point
     weights: np.ndarray  # [N, 4] float32, sum 1; below 0 for points beside the mesh
-    faces: np.ndarray  # [F, 3] int32: points, counterclockwise from outside
-    colors: np.ndarray  # [N, 3] uint8
 
     def points(self, vertices: ArrayLike) -> np.ndarray:
         """Where the points are while the mesh's vertices are there.  [N, 3]"""
         return np.einsum("nk,nkx->nx", self.weights, np.asarray(vertices)[self.corners])
+
+
+@dataclass(frozen=True)
+class EmbeddedSurface(EmbeddedPoints):
+    """Triangles on points that tets carry."""
+
+    faces: np.ndarray  # [F, 3] int32: points, counterclockwise from outside
+    colors: np.ndarray  # [N, 3] uint8
 
 
 def located(

@@ -16,6 +16,7 @@ from .preview import preview as preview
 from .rays.views import rows_of_views as rows_of_views, views_of_rows as views_of_rows
 from .render_options import default_stop as default_stop
 from .preview import seen_from_outside as seen_from_outside, vertex_normals as vertex_normals
+from .stage_timer import StageTimer as StageTimer
 from .subpixel import RunningMean as RunningMean, shifted as shifted, spread as spread
 from .temporal import PastView as PastView
 from .upsampling import Upsampling as Upsampling

@@ -1,5 +1,6 @@
 from .orbit import (
     CLOSEST as CLOSEST,
+    CameraHistory as CameraHistory,
     FARTHEST as FARTHEST,
     Orbit as Orbit,
     camera_of as camera_of,
@@ -28,7 +29,6 @@ from .picking import (
     visible as visible,
     within as within,
 )
-from .history import CameraHistory as CameraHistory
 from .framing import (
     Covered as Covered,
     film_frame as film_frame,

@@ -4,6 +4,8 @@ Pixels are the image's (x to the right, y down, origin at the top left corner), 
 radians.  Yaw 0 looks along +y where `up` is +z, the object's own; pitch is the eye's height
 above the target's horizon.  Parallel rays (an orthographic view) show what lies at the target's
 depth as large as it was, and start so far behind the eye that no object is cut.
+
+Moves of the camera are no edits: CameraHistory is their own way back.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -17,6 +19,8 @@ STEEPEST = np.radians(89.0)  # where a drag stops: beyond it, left and right are
 CLOSEST, FARTHEST = 0.02, 50.0  # distance from the target, in model units
 TURN_PER_HEIGHT = np.pi  # a drag over the height of the image turns by half a turn
 BEHIND = 4.0  # model units from the eye back to where parallel rays start
+MOST_PAST = 50  # orbits that are kept
+APART = 0.7  # s: moves that follow each other sooner are one, as of the wheel
 Z_UP = (0.0, 0.0, 1.0)
 
 
@@ -164,3 +168,39 @@ def clip_range(orbit: Orbit) -> tuple[float, float]:
     if orbit.parallel:
         return 0.0, orbit.distance + 2.0 * BEHIND
     return 0.02 * orbit.distance, orbit.distance + 4.0
+
+
+class CameraHistory:
+    """The orbits at which the camera has rested."""
+
+    def __init__(self):
+        self._past: list[Orbit] = []
+        self._future: list[Orbit] = []
+        self._rests: Orbit | None = None  # where it rests now
+        self._since = 0.0  # when it last moved
+
+    def note(self, orbit: Orbit, moves: bool, now: float) -> None:
+        """Called in every frame with the camera, and whether something still moves it."""
+        if self._rests is None:
+            self._rests = orbit
+        if orbit is self._rests or moves:
+            return
+        if now - self._since > APART or not self._past:
+            self._past = [*self._past, self._rests][-MOST_PAST:]
+        self._future.clear()
+        self._rests, self._since = orbit, now
+
+    def back(self) -> Orbit | None:
+        """The orbit before, from which `forward` leads here again; None without one."""
+        return self._go(self._past, self._future)
+
+    def forward(self) -> Orbit | None:
+        """The orbit that `back` has left; None without one."""
+        return self._go(self._future, self._past)
+
+    def _go(self, there, here):
+        if not there:
+            return None
+        here.append(self._rests)
+        self._rests = there.pop()
+        return self._rests

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ...core.base.paths import whole_file
 from ...core.geometry import boundary_faces
 from ...core.render import Renderer, seen_from_outside, vertex_normals
+from ...wings.rig import ply_file, ply_lists
 
 OUTSIDE = 0.01  # object sizes from a vertex to where its ray starts
 ENDINGS = ".ply", ".obj"
@@ -75,22 +76,15 @@ def save_surface(surface: SurfaceMesh, path: str | Path, attribution: str = "") 
 
 
 def _ply(surface, attribution):
-    """Binary PLY, little endian."""
     kinds, columns = [(axis, "<f4") for axis in "xyz"], [*surface.vertices.T]
     if surface.colors is not None:
         kinds += [(name, "u1") for name in ("red", "green", "blue")]
         columns += [*surface.colors.T]
     vertices, names = np.rec.fromarrays(columns, dtype=kinds), {"<f4": "float", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", "comment deformrf, model units"]
-    header += [f"comment {attribution}"] if attribution else []
-    header += [f"element vertex {len(vertices)}"]
-    header += [f"property {names[kind]} {name}" for name, kind in kinds]
-    header += [f"element face {len(surface.faces)}"]
-    header += ["property list uchar int vertex_indices", "end_header", ""]
-    faces = np.empty(len(surface.faces), [("count", "u1"), ("ids", "<i4", 3)])
-    faces["count"], faces["ids"] = 3, surface.faces
-    text = "\n".join(header).encode("ascii", "backslashreplace")
-    return text + vertices.tobytes() + faces.tobytes()
+    lines = [f"element vertex {len(vertices)}"]
+    lines += [f"property {names[kind]} {name}" for name, kind in kinds]
+    elements = [(lines, vertices), ply_lists("face", surface.faces)]
+    return ply_file("deformrf, model units", attribution, elements)
 
 
 def _obj(surface, attribution):

@@ -1,4 +1,4 @@
-from .codecs import CODECS as CODECS
+from .video import CODECS as CODECS, encoder as encoder
 from .choices import (
     FORMATS as FORMATS,
     FREE as FREE,
@@ -18,7 +18,6 @@ from .takes import Takes as Takes
 
 # For deformrf render.
 from .camera_path import load_camera_path as load_camera_path
-from .codecs import encoder as encoder
 from .estimate import Hurry as Hurry, render_seconds as render_seconds
 from .film import Film as Film, clip_session as clip_session, with_timeline as with_timeline
 from .film_maker import FilmMaker as FilmMaker, FilmOptions as FilmOptions

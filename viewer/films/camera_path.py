@@ -54,14 +54,13 @@ def load_camera_path(path: Path, world_to_model, center, size=None) -> tuple[Cam
         CameraPathError: The file is none.
         OSError: It can't be read.
     """
-    path = Path(path)
+    path, orbits = Path(path), None
     read = {"frames": []} if path.is_dir() else _read(path)
     if path.is_dir() or _is_data_set(read):
         orbits = _photographed(path, world_to_model, center, size)
-        keys, shared = read["frames"] or [{}] * len(orbits), {"apart": APART}
+        keys, matrix, shared = read["frames"] or [{}] * len(orbits), None, {"apart": APART}
     else:
-        keys, ours, shared = _entries(path, read)
-        orbits = None
+        keys, matrix, shared = _entries(path, read, world_to_model)
     if not isinstance(keys, list) or not 2 <= len(keys) <= MOST_KEYS:
         raise CameraPathError(f"{path}: a camera path has 2 to {MOST_KEYS:,} keys")
     found, seconds = [], -shared["apart"]
@@ -72,18 +71,13 @@ def load_camera_path(path: Path, world_to_model, center, size=None) -> tuple[Cam
         before, seconds = seconds, _number(place, key, "t", seconds + shared["apart"], LONGEST)
         if seconds <= before and found:
             raise CameraPathError(f"{place} is at {seconds:g} s, not after the one before")
-        if orbits is None:
-            matrix = np.eye(4) if ours else world_to_model
-            orbit = _orbit(place, shared | key, matrix, center)
-        else:
-            orbit = orbits[number - 1]
-        found.append((seconds, orbit))
+        own = orbits[number - 1] if orbits else _orbit(place, shared | key, matrix, center)
+        found.append((seconds, own))
     start = found[0][0]
     return tuple(CameraKey((t - start) * TICKS_PER_SECOND, o, "linear") for t, o in found)
 
 
 def _read(path):
-    """What a JSON file says."""
     try:
         return json.loads(read_text(path), parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
@@ -100,7 +94,6 @@ def _is_data_set(read) -> bool:
 
 
 def _photographed(path, world_to_model, center, size):
-    """The orbits of a data set's cameras, with their lenses."""
     from ...core.training import DatasetError, list_cameras
 
     try:
@@ -118,20 +111,19 @@ def _photographed(path, world_to_model, center, size):
     return sights
 
 
-def _entries(path, read):
-    """The keys of a file, whether it is ours, and what all of them share."""
-    if isinstance(read, list):
-        return read, True, {"apart": APART}
+def _entries(path, read, world_to_model):
+    """The keys of a file, what takes them to model space [4, 4], and what all of them share."""
+    read = {"keys": read} if isinstance(read, list) else read
     if not isinstance(read, dict):
         raise CameraPathError(f"{path} is no camera path: it has no keys")
     if "keys" in read:
-        return read["keys"], True, {"apart": APART}
+        return read["keys"], np.eye(4), {"apart": APART}
     if "camera_path" in read:  # nerfstudio's
         _check_nerfstudio(path, read)
         fps = _number(path, read, "fps", 24.0, 1000.0, 0.1)
-        return read["camera_path"], False, {"apart": 1.0 / fps}
+        return read["camera_path"], world_to_model, {"apart": 1.0 / fps}
     if "frames" in read:  # of Blender's, instant-ngp's and nerfstudio's data sets
-        return read["frames"], False, {"apart": APART, **_view_of(path, read)}
+        return read["frames"], world_to_model, {"apart": APART, **_view_of(path, read)}
     raise CameraPathError(f"{path} is no camera path: it has no keys, frames or camera_path")
 
 
@@ -159,25 +151,22 @@ def _view_of(path, read):
 
 
 def _orbit(place, key, matrix, center) -> Orbit:
-    """The camera of a key."""
     fov = _number(place, key, "fov", math.degrees(Orbit().field_of_view), *FIELDS_OF_VIEW[::-1])
-    target = None
     if "position" in key:
-        target = _point(place, key, "target") if "target" in key else np.asarray(center, float)
+        center = _point(place, key, "target") if "target" in key else np.asarray(center, float)
         at = _point(place, key, "position")
         up = _point(place, key, "up") if "up" in key else np.array([0.0, 0.0, 1.0])
-        forward = target - at
+        forward = center - at
         if np.linalg.norm(np.cross(forward, up)) < 1e-9 * max(np.linalg.norm(forward), 1e-9):
             if not forward.any() or "up" in key:
                 raise CameraPathError(f"{place} looks nowhere, or along what is up")
             up = np.array([0.0, 1.0, 0.0])  # straight down, or up
-        pose = look_at(at, target, up)
+        pose = look_at(at, center, up)
     else:
         pose = _pose(place, key.get("transform_matrix", key.get("camera_to_world")))
         pose = in_space(pose, matrix)
         _check_near(pose, place, "space of this model's training data")
-    orbit = Orbit(field_of_view=math.radians(fov))
-    return looking_from(orbit, pose, center if target is None else target)
+    return looking_from(Orbit(field_of_view=math.radians(fov)), pose, center)
 
 
 def _check_near(pose, place, what):

@@ -15,10 +15,7 @@ KINDS = {  # what is filmed
     "turntable": "A turn around the object",
 }
 AS_WINDOW, FREE = "as the window", "free"
-SIZES = (
-    *(AS_WINDOW, "1280x720", "1920x1080", "3840x2160"),
-    *("1080x1080", "1080x1920", FREE),
-)
+SIZES = AS_WINDOW, "1280x720", "1920x1080", "3840x2160", "1080x1080", "1080x1920", FREE
 RATES = 15, 24, 25, 30, 60  # frames a second
 SAMPLE_COUNTS = 1, 4, 16, 64
 BLUR = 0.5  # of a frame's time, as film cameras have it

@@ -5,10 +5,10 @@ a thread encodes (video.py).  No frame is dropped.
 """
 
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
+from ...core.render import StageTimer
 from ..layers import Canvas, RadianceLayer
 from .film import Film
 from .recorder import Recorder
@@ -42,7 +42,8 @@ class FilmMaker:
     """Writes the frames of a Film into the video that a recorder has started."""
 
     def __init__(self, stage: Stage, film: Film, options: FilmOptions):
-        self.seconds = dict.fromkeys(STEPS, 0.0)
+        self._step = StageTimer("cpu")
+        self.seconds = self._step.seconds = dict.fromkeys(STEPS, 0.0)
         self.made = 0  # frames
         self._stage, self._film, self._options = stage, film, options
         self._drawn = False  # a frame that was not read yet
@@ -88,11 +89,3 @@ class FilmMaker:
             for name, seconds in {**self.seconds, "encoding beside it": encoding}.items()
         ]
         return f"{self.made} frames in {total:.1f} s: {', '.join(said)}"
-
-    @contextmanager
-    def _step(self, name):
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] += time.perf_counter() - start

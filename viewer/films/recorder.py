@@ -2,6 +2,7 @@
 
 import sys
 import time
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -28,12 +29,7 @@ class Recorder:
         self.failed = False  # whether a file was lost
         self._canvas, self._log, self._fps = canvas, log, fps
         self._said = 0.0, ""  # when, and what
-        self._screenshot: Path | None = None
-
-    @property
-    def wants_screenshot(self) -> bool:
-        """Whether the frame that is being drawn is to be kept."""
-        return self._screenshot is not None
+        self.wants_screenshot: Path | None = None  # where the frame that is being drawn is kept
 
     @property
     def message(self) -> str:
@@ -43,7 +39,7 @@ class Recorder:
 
     def screenshot(self, path: Path | None = None) -> None:
         """Keep the next frame; by default in the current folder, named by date and time."""
-        self._screenshot = path or stamped("deformrf", ".png")
+        self.wants_screenshot = path or stamped("deformrf", ".png")
 
     def start(
         self,
@@ -99,18 +95,15 @@ class Recorder:
             self.video.push(image)
         except RuntimeError as error:
             video, self.video = self.video, None
-            try:
+            with suppress(RuntimeError):  # the same
                 video.close()
-            except RuntimeError:  # the same
-                pass
             self._fail(error)
 
     def save_screenshot(self, image=None) -> None:
         """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
-        if self._screenshot is None:
-            return
-        path, self._screenshot = self._screenshot, None
-        self._write(path, save_png, path, self._canvas.read() if image is None else image)
+        path, self.wants_screenshot = self.wants_screenshot, None
+        if path is not None:
+            self._write(path, save_png, path, self._canvas.read() if image is None else image)
 
     def save_model(self, field) -> None:
         """Write a TetField as a model file into the current folder."""
@@ -155,23 +148,20 @@ class Recorder:
             return ""
         return self.message
 
-    def say(self, message: str) -> None:
-        """Show a message for a while, and print it."""
-        self._say(message, sys.stderr)
+    def say(self, message: str, stream=None) -> None:
+        """Show a message for a while, and print it, by default as what went wrong."""
+        message = readable(message)
+        self._said = time.monotonic(), message
+        print(printable(message), file=stream or sys.stderr, flush=True)
 
     def finished(self, path: Path) -> None:
         self.written.append(path)
         self._log("written", path=path)
-        self._say(f"wrote {path}", sys.stdout)
+        self.say(f"wrote {path}", sys.stdout)
 
     def _fail(self, error):
         self.failed = True
-        self._say(str(error), sys.stderr)
-
-    def _say(self, message, stream):
-        message = readable(message)
-        self._said = time.monotonic(), message
-        print(printable(message), file=stream, flush=True)
+        self.say(str(error))
 
 
 def stamped(stem: str, suffix: str) -> Path:

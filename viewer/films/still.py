@@ -29,18 +29,16 @@ def load_vertices(path: Path, count: int):
         OSError: It can't be read.
     """
     check_file(path)
+    if path.suffix not in (".npz", ".npy"):
+        raise PoseError(f"{path}: a pose is in a file .npy, .npz or .jsonl")
     try:
         if path.suffix == ".npz":
             with zipfile.ZipFile(path) as archive, archive.open(f"{NAME}.npy") as stream:
                 vertices = _read(stream, count)
-        elif path.suffix == ".npy":
+        else:
             with open(path, "rb") as stream:
                 vertices = _read(stream, count)
-        else:
-            raise PoseError(f"{path}: a pose is in a file .npy, .npz or .jsonl")
     except UNREADABLE as error:
-        if isinstance(error, PoseError):
-            raise
         raise PoseError(f"{path} has no pose of {count} vertices ({error})") from error
     if not (np.isfinite(vertices).all() and abs(vertices).max() <= FARTHEST_POINT):
         raise PoseError(f"{path} has vertices farther than {FARTHEST_POINT:g}, or no numbers")

@@ -126,8 +126,7 @@ class Takes:
         if self.problem:
             self._filmed.recorder.say(self.problem)
 
-    def _start(self) -> str:
-        """Begin the film; returns a sentence if that can't be."""
+    def _start(self):
         choices, why_not = self.choices, self.why_not(self.choices.what)
         if not Path(choices.name).name:  # as of "/"
             return "a film needs a name"
@@ -186,7 +185,6 @@ class Takes:
         return [*arguments, "-o", str(at / f"film{choices.ending}")]
 
     def _scratch(self) -> Path:
-        """A folder for the sessions of estimates."""
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="deformrf-")
         return Path(self._folder.name)

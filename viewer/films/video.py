@@ -20,16 +20,69 @@ from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ...core.base.device import thread_count
 from ...core.base.paths import discard, free_name, reserved, sync, target_of, whole_file
-from .codecs import encoder
 
 QUEUE_LENGTH, QUEUE_BYTES = 8, 256 * 2**20  # images that wait, and about their size
 PNG_LEVEL = 4  # of zlib: twice as fast as the usual 6, a few percent larger
 BT_709 = 1  # the number of range "tv", primaries, transfer and matrix alike (H.264, annex E)
+
+
+class Encoder(NamedTuple):
+    """One of FFmpeg's encoders."""
+
+    name: str
+    options: dict
+    endings: tuple[str, ...]  # of files that hold its video
+    pixels: str = "yuv420p"
+    transparent: str = ""  # pixels that have an opacity, if it knows any
+
+
+CODECS = {  # as a user calls them
+    "h264": Encoder("libx264", {"crf": "18", "preset": "veryfast"}, (".mp4",)),
+    "h265": Encoder(
+        "libx265", {"crf": "20", "preset": "fast", "x265-params": "log-level=error"}, (".mp4",)
+    ),
+    "av1": Encoder("libsvtav1", {"crf": "28", "preset": "9"}, (".mp4", ".webm")),
+    "vp9": Encoder(
+        "libvpx-vp9",
+        # auto-alt-ref: frames that are never shown have no opacity
+        {"crf": "28", "b": "0", "cpu-used": "5", "row-mt": "1", "tile-columns": "4"}
+        | {"auto-alt-ref": "0"},
+        (".webm",),
+        transparent="yuva420p",
+    ),
+    "webp": Encoder("libwebp_anim", {"quality": "85"}, (".webp",), "bgra", "bgra"),
+}
+ENDINGS = {".mp4": "h264", ".webm": "vp9", ".webp": "webp"}  # and their usual codecs
+
+
+def encoder(path: Path, codec: str | None = None, transparent: bool = False) -> Encoder:
+    """The encoder for a file, by default the usual one for its ending.
+
+    Raises:
+        ValueError: There is none, it doesn't go into such a file, or it knows no opacity.
+    """
+    import av
+
+    codec = codec or ENDINGS.get(path.suffix)
+    if codec is None or path.suffix not in CODECS[codec].endings:
+        endings = " or ".join(CODECS[codec].endings if codec else ENDINGS)
+        raise ValueError(f"{path}: a video file has to end in {endings}")
+    chosen = CODECS[codec]
+    if transparent and not chosen.transparent:
+        able = " or ".join(name for name, one in CODECS.items() if one.transparent)
+        raise ValueError(f"{codec} has no opacity; {able}, or a folder of pictures, has it")
+    try:
+        av.Codec(chosen.name, "w")
+    except ValueError as error:  # av's own is one
+        message = f"this machine's PyAV has no encoder for {codec} ({chosen.name})"
+        raise ValueError(message) from error
+    return chosen
 
 
 class FrameWriter:
@@ -133,7 +186,6 @@ class VideoWriter(FrameWriter):
             raise
 
     def _open(self, chosen):
-        """Open the file, and start the thread that writes it."""
         import av
 
         options = {".mp4": {"movflags": "+faststart"}, ".webp": {"loop": "0"}}
@@ -207,7 +259,6 @@ class VideoWriter(FrameWriter):
         return RuntimeError(f"the video encoder failed: {self._error}")
 
     def _now(self):
-        """The number of the frame that the clock is at."""
         return int((self._clock() - self._start) * self.fps + 1e-6)
 
     def _queue_pending(self, until, wait):
@@ -335,13 +386,8 @@ def _video_frame(image, pixels, convert):
     frame = av.VideoFrame.from_ndarray(image, format="rgba" if image.shape[-1] == 4 else "rgb24")
     if pixels == "bgra":
         return convert.reformat(frame, format=pixels)
-    return convert.reformat(
-        frame,
-        format=pixels,
-        dst_colorspace=Colorspace.ITU709,
-        dst_color_range=ColorRange.MPEG,
-        threads=thread_count(),
-    )
+    colors = {"dst_colorspace": Colorspace.ITU709, "dst_color_range": ColorRange.MPEG}
+    return convert.reformat(frame, format=pixels, threads=thread_count(), **colors)
 
 
 def fitted(image, width: int, height: int):

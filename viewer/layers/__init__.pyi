@@ -1,8 +1,7 @@
 from .gl import Canvas as Canvas
 from .radiance_layer import RadianceLayer as RadianceLayer
-from .handle_layer import HandleLayer as HandleLayer
+from .handle_layer import HandleLayer as HandleLayer, MarkLayer as MarkLayer
 from .bone_layer import BoneLayer as BoneLayer
-from .mark_layer import MarkLayer as MarkLayer
 from .photographed import Photographed as Photographed
 from .mesh_layer import MeshLayer as MeshLayer
 from .ground_plane import line_spacing as line_spacing

@@ -4,18 +4,15 @@ They are seen through the object.  Far ones are drawn first, and only faces that
 eye, so that they need no depth.  The shader makes the faces.  B bones, S joints.
 """
 
-from typing import Protocol
-
 import moderngl
 import numpy as np
 
 from ...core.base.kept import Kept
-from ...core.field import TetField
-from ..camera import Orbit
 from ..document import ENDS, LOOSE, MOST_JOINTS, joint_mask
-from ..settings import OF_BONES, Settings
+from ..settings import OF_BONES
 from . import gl
-from .handle_layer import SPHERE_FLOATS, Spheres
+from .drawn import DrawnObject
+from .handle_layer import Spheres, far_first, sphere_rows
 
 BONE, CHOSEN, JOINT = (0.62, 0.70, 0.86), (1.0, 0.62, 0.0), (0.16, 0.28, 0.55)
 DRAGGED = (0.9, 0.9, 0.2)
@@ -27,40 +24,10 @@ VERTICES = 24  # of a bone
 AWAY = 0.03  # object sizes: bones are drawn in an object that is no farther from them
 
 
-class DrawnRig(Protocol):
-    """Bones, and the joints that a hand has chosen and begun."""
-
-    skeleton: object | None  # of wings.rig
-    selected: tuple[int, str] | None
-    chosen_bone: int | None
-    loose: np.ndarray | None  # [3]
-
-
-class DrawnPose(Protocol):
-    """Where a pose has the bones."""
-
-    ends: np.ndarray  # another array where they moved  [B, 2, 3]
-    drives: bool  # whether the bones move the object
-    shows_vertices: bool  # whether the pose is a clip's of vertices, not the bones'
-
-
-class WithBones(Protocol):
-    """The object whose bones are drawn."""
-
-    settings: Settings
-    orbit: Orbit
-    handle_radius: float
-    field: TetField
-    positions: np.ndarray  # [V, 3]
-    size: float
-    rigging: DrawnRig
-    posing: DrawnPose
-
-
 class BoneLayer:
     """The bones of one object."""
 
-    def __init__(self, ctx: moderngl.Context, drawn: WithBones):
+    def __init__(self, ctx: moderngl.Context, drawn: DrawnObject):
         self._ctx, self._drawn = ctx, drawn
         row = "3f 3f 3f/i", "head", "tail", "tint"
         self._bones = gl.Instances(ctx, "bones", row, BONE_FLOATS, MOST_BONES)
@@ -72,11 +39,10 @@ class BoneLayer:
         if not self._drawn.settings.show_bones or left_behind(self._drawn):
             return
         drawn, rigging = self._drawn, self._drawn.rigging
-        eye = drawn.orbit.pose  # far ones are drawn first
+        eye = drawn.viewpoint.orbit.pose  # far ones are drawn first
         shown = drawn.posing.ends, eye, rigging.selected, rigging.loose, place
         self._written.of(shown, lambda: self._write(place))
-        self._ctx.enable_only(moderngl.BLEND | moderngl.CULL_FACE)
-        gl.blend_over(self._ctx)
+        gl.blend_over(self._ctx, moderngl.CULL_FACE)
         matrices = gl.view_matrices(camera, clip_range)
         self._bones.render(moderngl.TRIANGLES, VERTICES, opacity=OPACITY, **matrices)
         self._ctx.enable_only(moderngl.BLEND)
@@ -91,7 +57,7 @@ class BoneLayer:
         self._spheres.release()
 
 
-def left_behind(drawn: WithBones) -> bool:
+def left_behind(drawn: DrawnObject) -> bool:
     """Whether the object is elsewhere than its bones: a hand has bent it, or it has sprung back.
 
     Bones drawn there would tell something wrong.  With a tool of bones in the hand they show in
@@ -108,38 +74,29 @@ def left_behind(drawn: WithBones) -> bool:
     return max(bent, posed) > AWAY * drawn.size
 
 
-def _far_first(orbit, places):
-    away = places - orbit.pose[:3, 3]
-    return np.argsort(-np.einsum("ni,ni->n", away, away), kind="stable")
-
-
-def bone_instances(drawn: WithBones):
+def bone_instances(drawn: DrawnObject):
     """Head, tail and tint of each bone, far ones first.  [B, 9] float32"""
     ends, chosen = drawn.posing.ends, drawn.rigging.chosen_bone
     bones = np.empty((len(ends), BONE_FLOATS), np.float32)
     bones[:, :6], bones[:, 6:] = ends.reshape(-1, 6), BONE
     if chosen is not None:
         bones[chosen, 6:] = CHOSEN
-    return bones[_far_first(drawn.orbit, 0.5 * (ends[:, 0] + ends[:, 1]))]
+    return far_first(bones, 0.5 * (ends[:, 0] + ends[:, 1]), drawn.viewpoint.orbit.pose[:3, 3])
 
 
-def joint_spheres(drawn: WithBones, place=None):
-    """Center, radius and tint of each joint's sphere, far ones first.  [S, 7] float32"""
+def joint_spheres(drawn: DrawnObject, place=None):
+    """Rows of the joints' spheres, far ones first.  [S, 7] float32"""
     rigging, radius = drawn.rigging, drawn.handle_radius
     shown = joint_mask(rigging.skeleton)  # [B, 2], of heads and tails
-    rows = np.empty((*shown.shape, SPHERE_FLOATS), np.float32)
-    rows[..., :3], rows[..., 3], rows[..., 4:] = drawn.posing.ends, JOINT_SIZE * radius, JOINT
+    tints = np.full((*shown.shape, 3), JOINT)
     if rigging.chosen_bone is not None:
         bone, end = rigging.selected
-        rows[bone, ENDS.index(end), 4:] = CHOSEN
-    spheres = rows[shown]
+        tints[bone, ENDS.index(end)] = CHOSEN
+    spheres = [sphere_rows(drawn.posing.ends[shown], JOINT_SIZE * radius, tints[shown])]
     if rigging.loose is not None:
         tint = JOINT if rigging.selected is None or rigging.selected[0] != LOOSE else CHOSEN
-        spheres = _with(spheres, rigging.loose, radius, tint)
+        spheres.append(sphere_rows([rigging.loose], radius, tint))
     if place is not None:
-        spheres = _with(spheres, place, radius, DRAGGED)
-    return spheres[_far_first(drawn.orbit, spheres[:, :3])]
-
-
-def _with(spheres, place, radius, tint):
-    return np.append(spheres, np.float32([[*place, radius, *tint]]), axis=0)
+        spheres.append(sphere_rows([place], radius, DRAGGED))
+    spheres = np.concatenate(spheres)
+    return far_first(spheres, spheres[:, :3], drawn.viewpoint.orbit.pose[:3, 3])

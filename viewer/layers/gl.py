@@ -49,42 +49,32 @@ def set_uniforms(program: moderngl.Program, **values) -> None:
         if name not in kept or kept[name] != value:
             uniform = program.get(name, None)
             if uniform is not None and uniform.gl_type == SAMPLER_BUFFER:
-                _set_buffer(program, uniform, value)
+                from pyglet import gl
+
+                gl.glUseProgram(program.glo)
+                gl.glUniform1i(uniform.location, value)
             elif uniform is not None:
                 uniform.value = value
             kept[name] = value
 
 
-def _set_buffer(program, uniform, value):
-    from pyglet import gl
+class BufferTexture:
+    """A buffer as a texture of RGBA8 or R32F texels, which moderngl has not."""
 
-    gl.glUseProgram(program.glo)
-    gl.glUniform1i(uniform.location, value)
+    def __init__(self, buffer: moderngl.Buffer, kind: str):
+        from pyglet import gl  # not at the top: it needs a display, or headless mode
 
+        self._gl, self._number = gl, gl.GLuint()
+        gl.glGenTextures(1, self._number)
+        self.use(0)
+        gl.glTexBuffer(gl.GL_TEXTURE_BUFFER, getattr(gl, f"GL_{kind}"), buffer.glo)
 
-def buffer_texture(buffer: moderngl.Buffer, kind: str):
-    """OpenGL's number of a buffer as a texture of RGBA8 or R32F texels, which moderngl has not."""
-    from pyglet import gl
+    def use(self, unit: int) -> None:
+        self._gl.glActiveTexture(self._gl.GL_TEXTURE0 + unit)
+        self._gl.glBindTexture(self._gl.GL_TEXTURE_BUFFER, self._number)
 
-    number = gl.GLuint()
-    gl.glGenTextures(1, number)
-    gl.glActiveTexture(gl.GL_TEXTURE0)
-    gl.glBindTexture(gl.GL_TEXTURE_BUFFER, number)
-    gl.glTexBuffer(gl.GL_TEXTURE_BUFFER, getattr(gl, f"GL_{kind}"), buffer.glo)
-    return number
-
-
-def use_buffer_texture(number, unit: int) -> None:
-    from pyglet import gl
-
-    gl.glActiveTexture(gl.GL_TEXTURE0 + unit)
-    gl.glBindTexture(gl.GL_TEXTURE_BUFFER, number)
-
-
-def release_buffer_texture(number) -> None:
-    from pyglet import gl
-
-    gl.glDeleteTextures(1, number)
+    def release(self) -> None:
+        self._gl.glDeleteTextures(1, self._number)
 
 
 def view_matrices(camera, clip_range) -> dict:
@@ -125,8 +115,9 @@ def depth_only(ctx: moderngl.Context):
         framebuffer.use()
 
 
-def blend_over(ctx: moderngl.Context) -> None:
-    """Blend colors over those that are there; of transparent pictures, opacities too."""
+def blend_over(ctx: moderngl.Context, also: int = moderngl.NOTHING) -> None:
+    """Blend colors over those that are there, of transparent pictures opacities; enable `also`."""
+    ctx.enable_only(moderngl.BLEND | also)
     over = moderngl.ONE_MINUS_SRC_ALPHA
     ctx.blend_func = moderngl.SRC_ALPHA, over, moderngl.ONE, over
 

@@ -7,15 +7,13 @@ shadow).  Points are the middles of sub-tets that can hold density, some thousan
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol
 
 import moderngl
 import numpy as np
 
-from ...core.deform import XpbdSolver
-from ...core.field import TetField, subtet_corners, unpack_mask
-from ..document import Body
-from ..settings import Settings
+from ...core.field import subtet_corners, unpack_mask
+from ...core.geometry import EmbeddedPoints
+from .drawn import DrawnObject
 
 MOST_POINTS = 8_000
 CELLS = 64  # a side of the shadow's picture
@@ -26,25 +24,13 @@ LINES = 5.0  # of the ground, about, over the length of the object
 PLAIN_LENGTHS = 1.0, 2.0, 5.0  # times powers of ten: between two lines [m]
 
 
-@dataclass(frozen=True)
-class SubtetMiddles:
-    """Points of the object that move with its vertices."""
-
-    corners: np.ndarray  # [N, 4] vertex ids
-    weights: np.ndarray  # [N, 4]
-
-    def at(self, vertices):
-        """Where they are for vertices [V, 3].  [N, 3]"""
-        return sum(self.weights[:, k, None] * vertices[self.corners[:, k]] for k in range(4))
-
-
-def occupied_middles(field) -> SubtetMiddles:
+def occupied_middles(field) -> EmbeddedPoints:
     """The middles of a field's occupied sub-tets, at most MOST_POINTS, evenly chosen."""
     tet, subtet = np.nonzero(unpack_mask(field.occupancy))
     step = max(1, -(-len(tet) // MOST_POINTS))
     tet, subtet = tet[::step], subtet[::step]
     weights = subtet_corners().mean(axis=1).astype(np.float32)
-    return SubtetMiddles(field.mesh.tets[tet], weights[subtet])
+    return EmbeddedPoints(field.mesh.tets[tet], weights[subtet])
 
 
 @dataclass(frozen=True)
@@ -65,19 +51,14 @@ def shadow(points, height: float, size: float) -> Shadow:
     column, row = ((points[:, :2] - center) / side * CELLS + 0.5 * CELLS).astype(int).T
     lowest = np.full(CELLS * CELLS, np.inf, points.dtype)
     np.minimum.at(lowest, row * CELLS + column, np.maximum(points[:, 2] - height, 0.0) / size)
-    lowest = _spread(lowest.reshape(CELLS, CELLS))
+    lowest = lowest.reshape(CELLS, CELLS)
+    for _ in range(2):  # the lowest of a cell and those around it: points are not in every cell
+        padded = np.pad(lowest, ((1, 1), (0, 0)), mode="edge")
+        lowest = np.minimum(np.minimum(padded[:-2], padded[2:]), lowest).T
     light = np.ones((CELLS, CELLS))
     for reach, blur, dark in (CONTACT, AMBIENT):
         light *= 1.0 - dark * _blurred(np.exp(-lowest / reach), blur)
     return Shadow(1.0 - light, (float(center[0]), float(center[1])), side)
-
-
-def _spread(heights):
-    """The lowest of a cell and those around it: points are not in every cell."""
-    for _ in range(2):
-        padded = np.pad(heights, ((1, 1), (0, 0)), mode="edge")
-        heights = np.minimum(np.minimum(padded[:-2], padded[2:]), heights).T
-    return heights
 
 
 def _blurred(picture, width: int):
@@ -93,29 +74,6 @@ def _blurred(picture, width: int):
     return picture
 
 
-class RemainingField(Protocol):
-    """What was not deleted of a field."""
-
-    revision: int
-    field: TetField
-
-
-class OnGround(Protocol):
-    """The object that stands on the ground."""
-
-    settings: Settings
-    held: bool
-    stands: bool  # as if on a ground
-    floor: float  # where a ground would be
-    center: np.ndarray  # at rest  [3]
-    size: float
-    positions: np.ndarray  # [V, 3]
-    revision: int  # of the positions
-    solver: XpbdSolver
-    body: Body
-    cuts: RemainingField
-
-
 @cache
 def line_spacing(meters: float) -> float:
     """Meters between two lines of the ground under an object so long: 1, 2 or 5 · 10ⁿ."""
@@ -127,13 +85,12 @@ def line_spacing(meters: float) -> float:
 class GroundPlane:
     """The ground of one object, as shaders/image.frag.glsl draws it."""
 
-    def __init__(self, ctx: moderngl.Context, standing: OnGround):
+    def __init__(self, ctx: moderngl.Context, standing: DrawnObject):
         self._standing = standing
-        self._middles = None  # of what is left of the object
+        # Middles of what is left of the object; pose, what is left, and height of the shadow.
+        self._middles = self._shadow = self._seen = None
         self._texture = ctx.texture((CELLS, CELLS), 1)
         self._texture.repeat_x = self._texture.repeat_y = False
-        self._shadow = None
-        self._seen = None  # pose, what is left, and height of the shadow
 
     def uniforms(self, unit: int) -> dict:
         """What the shader takes, with the shadow's texture in that unit; nothing without ground."""
@@ -148,7 +105,7 @@ class GroundPlane:
             self._middles = occupied_middles(cuts.field)
             self._seen = None
         if self._seen != (standing.revision, cuts.revision, height):
-            self._shadow = shadow(self._middles.at(standing.positions), height, standing.size)
+            self._shadow = shadow(self._middles.points(standing.positions), height, standing.size)
             self._texture.write(np.round(255.0 * self._shadow.shade).astype(np.uint8).tobytes())
             self._seen = standing.revision, cuts.revision, height
         self._texture.use(unit)

@@ -1,18 +1,16 @@
-"""Draws the red spheres of the control vertices and the gray ones of the pins.
+"""Draws the red spheres of control vertices, the gray ones of pins, and marks on the object.
 
 They are drawn after the radiance layer and hide behind its depth.  Spheres are drawn nearer
-than they are by the object's handle_bias; picking.visible uses the same bias.
+than they are by the object's handle_bias; picking.visible uses the same bias.  Marks are colored
+spheres at middles of sub-tets.
 """
-
-from typing import Protocol
 
 import moderngl
 import numpy as np
 
-from ...core.field import TetField
-from ..document import MOST_ADDED, MOST_POINTS, Ball, Body, Grab
-from ..settings import Settings
+from ..document import MOST_ADDED, MOST_POINTS
 from . import gl
+from .drawn import DrawnObject
 
 RED, ORANGE, YELLOW = (0.95, 0.10, 0.08), (1.0, 0.45, 0.05), (1.0, 0.85, 0.1)
 SELECTED = (1.0, 0.62, 0.0)
@@ -23,32 +21,8 @@ PIN_BLUE = (0.42, 0.50, 0.62)
 HOVER_SCALE, PIN_SCALE = 1.35, 0.6
 GHOST = 0.35  # opacity of what the object hides of a held sphere
 SPHERE_FLOATS = 7  # center, radius, tint
-
-
-class DrawnHandles(Protocol):
-    """Handles, and what a hand does with them."""
-
-    pin_ids: np.ndarray
-    control_ids: np.ndarray
-    posed: tuple[int, ...]
-    selected: list[int]
-    hover: int | None
-    grabbed: Grab | None
-
-    def at(self, ids) -> np.ndarray: ...
-    def factors(self, ids) -> np.ndarray: ...
-
-
-class WithSpheres(Protocol):
-    """The object whose spheres are drawn."""
-
-    field: TetField
-    settings: Settings
-    handle_radius: float
-    handle_bias: float
-    ball: Ball | None
-    body: Body
-    handles: DrawnHandles
+MOST_MARKS, MARK_OPACITY = 12_000, 0.6
+MARK_NEARER = 2.5  # radii, that a mark is drawn nearer than it is
 
 
 class Spheres(gl.Instances):
@@ -72,10 +46,42 @@ class Spheres(gl.Instances):
         )
 
 
+def sphere_rows(places, radius, tint):
+    """Spheres as `Spheres.write` takes them.  [S, 7] float32
+
+    Args:
+        places: Their centers.  [S, 3]
+        radius, tint: Of all, or of each: [S], [S, 3].
+    """
+    rows = np.empty((len(places), SPHERE_FLOATS), np.float32)
+    rows[:, :3], rows[:, 3], rows[:, 4:] = places, radius, tint
+    return rows
+
+
+def far_first(rows, places, eye):
+    """The rows of what is at places [S, 3], those far from the eye [3] first."""
+    return rows[np.argsort(-np.linalg.norm(places - eye, axis=1), kind="stable")]
+
+
+class MarkLayer(Spheres):
+    """Marks on one object."""
+
+    def __init__(self, ctx: moderngl.Context):
+        super().__init__(ctx, MOST_MARKS)
+        self._ctx = ctx
+
+    def draw_marks(self, camera, clip_range, marks) -> None:
+        """Draw places [n, 3] with tints [n, 3] and one radius, n at most MOST_MARKS."""
+        places, tints, radius = marks
+        self.write(far_first(sphere_rows(places, radius, tints), places, camera.position))
+        gl.blend_over(self._ctx, moderngl.DEPTH_TEST)
+        self.draw(camera, clip_range, MARK_NEARER * radius, MARK_OPACITY)
+
+
 class HandleLayer:
     """Spheres of one object."""
 
-    def __init__(self, ctx: moderngl.Context, drawn: WithSpheres):
+    def __init__(self, ctx: moderngl.Context, drawn: DrawnObject):
         self._ctx, self._drawn = ctx, drawn
         most = drawn.field.mesh.vertex_count + MOST_POINTS + MOST_ADDED + 1  # and the ball
         self._spheres = Spheres(ctx, most)
@@ -85,33 +91,31 @@ class HandleLayer:
         drawn, spheres = self._drawn, self._spheres
         if not drawn.settings.show_handles and drawn.ball is None:
             return
-        self._ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        gl.blend_over(self._ctx)
+        gl.blend_over(self._ctx, moderngl.DEPTH_TEST)
         spheres.write(sphere_instances(drawn, camera.position))
         spheres.draw(camera, clip_range, drawn.handle_bias)
-        spheres.write(held_sphere(drawn))  # what of it is inside the object, faintly
-        self._ctx.depth_func = ">"
-        spheres.draw(camera, clip_range, drawn.handle_bias, GHOST)
-        self._ctx.depth_func = "<="
+        grabbed = drawn.handles.grabbed
+        if grabbed is not None and drawn.settings.show_handles:
+            held = drawn.handles.at(grabbed.handles)
+            spheres.write(sphere_rows(held, drawn.handle_radius, YELLOW))
+            self._ctx.depth_func = ">"  # what of it is inside the object, faintly
+            spheres.draw(camera, clip_range, drawn.handle_bias, GHOST)
+            self._ctx.depth_func = "<="
 
     def release(self) -> None:
         self._spheres.release()
 
 
-def sphere_instances(drawn: WithSpheres, eye):
-    """Center, radius and tint of every sphere, those far from the eye [3] first.  [S, 7] float32
+def sphere_instances(drawn: DrawnObject, eye):
+    """Rows of all spheres, those far from the eye [3] first.  [S, 7] float32
 
     The soft edge of a sphere blends with what was drawn before it.
     """
-    nobody = np.empty(0, int)
-    handles, pin_ids, control_ids = drawn.handles, nobody, nobody
+    handles, pin_ids, control_ids = drawn.handles, np.empty(0, int), np.empty(0, int)
     if drawn.settings.show_handles:
         pin_ids, control_ids = handles.pin_ids, handles.control_ids
     ids = np.concatenate([pin_ids, control_ids])
-    instances = np.empty((len(ids), SPHERE_FLOATS), np.float32)
-    instances[:, :3] = handles.at(ids)
-    instances[:, 3] = drawn.handle_radius
-    instances[:, 4:] = RED
+    instances = sphere_rows(handles.at(ids), drawn.handle_radius, RED)
     instances[: len(pin_ids), 3] *= PIN_SCALE
     instances[: len(pin_ids), 4:] = PIN_BLUE
     if drawn.body.factors is not None:
@@ -124,21 +128,9 @@ def sphere_instances(drawn: WithSpheres, eye):
     if handles.grabbed is not None:
         instances[np.isin(ids, handles.grabbed.handles), 4:] = YELLOW
     if drawn.ball is not None:
-        ball = np.array([[*drawn.ball.reached, drawn.ball.radius, *BALL_GRAY]], np.float32)
+        ball = sphere_rows([drawn.ball.reached], drawn.ball.radius, BALL_GRAY)
         instances = np.concatenate([instances, ball])
-    away = np.linalg.norm(instances[:, :3] - eye, axis=1)
-    return instances[np.argsort(-away)]
-
-
-def held_sphere(drawn: WithSpheres):
-    """The sphere of the vertex that is held, as sphere_instances has it.  [held, 7] float32"""
-    handles = drawn.handles
-    if handles.grabbed is None or not drawn.settings.show_handles:
-        return np.empty((0, SPHERE_FLOATS), np.float32)
-    held = np.empty((len(handles.grabbed.handles), SPHERE_FLOATS), np.float32)
-    held[:, :3] = handles.at(handles.grabbed.handles)
-    held[:, 3], held[:, 4:] = drawn.handle_radius, YELLOW
-    return held
+    return far_first(instances, instances[:, :3], eye)
 
 
 def stiffness_tints(factors):

@@ -1,6 +1,9 @@
-"""The legend of a color scale: a bar with numbers and a word, at the picture's right.
+"""Color scales for numbers, and a scale's legend: a bar with numbers and a word, at the right.
 
-It is drawn into the canvas, not by the panels: then clips, films and screenshots have it.
+A legend is drawn into the canvas, not by the panels: then clips, films and screenshots have it.
+Colors are 17 each of matplotlib's maps, which viewing does without.  Viridis rises in lightness
+evenly, for what has a lowest value; coolwarm is gray in the middle, for what lies on both sides
+of a normal value.
 """
 
 from dataclasses import dataclass
@@ -11,8 +14,17 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from . import gl
-from .colormaps import colored
 
+_HEX = {
+    "viridis": "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c 1fa088 28ae80 "
+    "3fbc73 5ec962 84d44b addc30 d8e219 fde725",
+    "coolwarm": "3b4cc0 4e68d8 6282ea 779af7 8db0fe a3c2fe b9d0f9 ccd9ed dddcdc ecd3c5 f5c4ac "
+    "f7b093 f4987a eb7d62 dd5f4b ca3b37 b40426",
+}
+COLORS = {  # [17, 3] in 0..1, evenly spaced
+    name: np.array([list(bytes.fromhex(color)) for color in colors.split()]) / 255.0
+    for name, colors in _HEX.items()
+}
 TEXT, BOARD = (25, 27, 32, 255), (255, 255, 255, 215)
 TICKS = 5
 SMALLEST_FONT = 9  # pixels
@@ -38,6 +50,13 @@ class ColorScale:
         texts = [f"{tick:.3g}" for tick in ticks]
         lowest = texts[0] if self.word == "strain" else "< " + texts[0]  # no strain is below 0
         return [lowest, *texts[1:-1], "> " + texts[-1]]
+
+
+def colored(name: str, shares):
+    """Colors of numbers [...], 0 for the first color and 1 for the last.  [..., 3]"""
+    table = COLORS[name]
+    places = np.linspace(0.0, 1.0, len(table))
+    return np.stack([np.interp(shares, places, channel) for channel in table.T], axis=-1)
 
 
 @lru_cache(maxsize=4)
@@ -74,25 +93,23 @@ class Legend:
     def __init__(self, ctx: moderngl.Context):
         self._ctx = ctx
         self._triangle = gl.full_screen(ctx, "overlay")
-        self._texture = None
-        self._shown = None
+        self._texture = self._shown = None
 
     def release(self) -> None:
         if self._texture is not None:
             self._texture.release()
+        self._texture = self._shown = None
 
     def draw(self, scale: ColorScale, size: tuple[int, int], covered: int = 0) -> None:
         """Draw it into a framebuffer of that size, which is in use, left of what is covered."""
         image = picture(scale, size[1])
         if self._shown is not image:
-            if self._texture is not None:
-                self._texture.release()
+            self.release()
             self._texture = self._ctx.texture(image.shape[1::-1], 4, image.tobytes())
             self._shown = image
         width, height = self._texture.size
         margin = round(0.02 * size[1])
         left, bottom = size[0] - covered - margin - width, (size[1] - height) // 2
-        self._ctx.enable_only(moderngl.BLEND)
         gl.blend_over(self._ctx)
         self._ctx.viewport = left, bottom, width, height
         self._texture.use(0)

@@ -10,13 +10,10 @@ hide behind the picture's depth alone, where they can be picked.
 both as means about each vertex, by volume, interpolated over the faces.
 """
 
-from typing import Protocol
-
 import moderngl
 import numpy as np
 
 from ...core.deform import (
-    XpbdSolver,
     at_vertices,
     deformation_gradients,
     rest_tets,
@@ -24,10 +21,9 @@ from ...core.deform import (
     volume_ratios,
 )
 from ...core.geometry import boundary_faces
-from ..settings import Settings
 from . import gl
-from .colormaps import COLORS
-from .legend import ColorScale, Legend
+from .drawn import DrawnObject
+from .legend import COLORS, ColorScale, Legend
 
 PLAIN = np.tile([0.80, 0.78, 0.74], (17, 1))
 SHADING = {"plain": (0.35, 1.1)}
@@ -35,29 +31,10 @@ LIGHT_SHADING = 0.72, 1.05  # of colors that mean something
 WIRE_OPACITY = 0.9
 
 
-class RemainingTets(Protocol):
-    """Tets that were not deleted."""
-
-    kept: np.ndarray  # another array where some were  [T] bool
-    tets: np.ndarray  # [T', 4]
-    neighbours: np.ndarray  # [T', 4]
-
-
-class WithMesh(Protocol):
-    """The object whose mesh is drawn."""
-
-    settings: Settings
-    handle_radius: float
-    positions: np.ndarray  # [V, 3]
-    revision: int  # of the positions
-    solver: XpbdSolver
-    cuts: RemainingTets
-
-
 class MeshLayer:
     """The surface of one object's mesh."""
 
-    def __init__(self, ctx: moderngl.Context, drawn: WithMesh, draw_depth):
+    def __init__(self, ctx: moderngl.Context, drawn: DrawnObject, draw_depth):
         """Take a function that fills the framebuffer's depth with the picture's again."""
         self._ctx, self._drawn, self._draw_depth = ctx, drawn, draw_depth
         self._program = gl.program(ctx, "mesh")
@@ -72,7 +49,7 @@ class MeshLayer:
         faces, _ = boundary_faces(tets, cuts.neighbours)
         self._corners = faces.ravel()
         self._tets = tets[np.isin(tets, faces).any(axis=1)]  # about the seen vertices
-        self._release_faces()
+        self.release()
         self._buffer = ctx.buffer(reserve=max(16 * len(self._corners), 16), dynamic=True)
         layout = (self._buffer, "3f 1f", "position", "share")
         self._faces = ctx.vertex_array(self._program, [layout])
@@ -107,18 +84,14 @@ class MeshLayer:
         ctx.enable_only(moderngl.DEPTH_TEST)
         with gl.depth_only(ctx):  # of the nearest faces, so that these alone are blended
             self._faces.render(moderngl.TRIANGLES)
-        ctx.enable_only(moderngl.DEPTH_TEST | moderngl.BLEND)
-        gl.blend_over(ctx)
+        gl.blend_over(ctx, moderngl.DEPTH_TEST)
         self._faces.render(moderngl.TRIANGLES)
         self._draw_depth()
         if filled and scale is not None:
             self._legend.draw(scale, (camera.width, camera.height), covered)
 
     def release(self) -> None:
-        self._release_faces()
         self._legend.release()
-
-    def _release_faces(self):
         for one in (self._faces, self._buffer):
             if one is not None:
                 one.release()

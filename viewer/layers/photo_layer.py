@@ -31,8 +31,7 @@ class PhotoLayer:
             background=settings.background,
             opacity=settings.photo_opacity if settings.photograph == "over" else 1.0,
         )
-        self._ctx.enable_only(moderngl.BLEND)
-        self._ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        gl.blend_over(self._ctx)
         self._triangle.render(moderngl.TRIANGLES)
 
     def _upload(self, photograph):

@@ -13,16 +13,15 @@ Shapes: S sub-tets of the surface, v photographs.
 """
 
 import time
-from typing import Protocol
 
 import numpy as np
 
-from ...core.field import TetField, subtet_corners, unpack_mask
+from ...core.field import subtet_corners, unpack_mask
+from ...core.geometry import EmbeddedPoints
 from ...core.render import Renderer, from_field_of_view, look_at, views_of_rows
 from ..camera import visible
-from .ground_plane import SubtetMiddles
-from .mark_layer import MOST
-from .radiance_layer import RemainingSubtets
+from .drawn import DrawnObject
+from .handle_layer import MOST_MARKS
 
 NEAR, FAR = 20.0, 45.0  # degrees
 HARDLY, MISSED = (250, 222, 112), (166, 54, 10)  # colors of angles from NEAR, and from FAR
@@ -36,20 +35,10 @@ SLICE = 0.05  # s of a frame
 STRIPE = 20.0  # edges from one dark stripe to the next
 
 
-class WithPhotographs(Protocol):
-    """The object that was photographed."""
-
-    field: TetField
-    positions: np.ndarray  # of its vertices, now  [V, 3]
-    cuts: RemainingSubtets
-    center: np.ndarray
-    size: float
-
-
 class Photographed:
     """What photographs saw of one object."""
 
-    def __init__(self, drawn: WithPhotographs, device):
+    def __init__(self, drawn: DrawnObject, device):
         self._drawn, self._device = drawn, device
         self._revision = self._work = None
         self.progress = 0.0
@@ -63,14 +52,14 @@ class Photographed:
             return None
         positions, middles = self._drawn.positions, self._middles
         rest = self._drawn.field.mesh.rest_vertices
-        places = middles.at(positions)
+        places = middles.points(positions)
         ways = camera.position - places
         if camera.parallel:
             ways[:] = -camera.forward
         ways = at_rest(ways, positions[middles.corners], rest[middles.corners])
         cosines = np.einsum("vsx,sx->vs", self._seen, ways.astype(np.float32)).max(axis=0)
         angles = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[:, None]
-        dark = (middles.at(rest).sum(axis=1) / (STRIPE * self._edge) % 1.0 < 0.5)[:, None]
+        dark = (middles.points(rest).sum(axis=1) / (STRIPE * self._edge) % 1.0 < 0.5)[:, None]
         tints = np.where(angles > FAR, np.where(dark, 0.5, 1.0) * np.array(MISSED), HARDLY) / 255.0
         marked = angles[:, 0] > NEAR
         return places[marked], tints[marked], 0.4 * self._edge
@@ -110,8 +99,8 @@ class Photographed:
         renderer.set_vertices(mesh.rest_vertices)
         renderer.set_occupancy(drawn.cuts.left)
         tets, subtets = np.nonzero(unpack_mask(drawn.cuts.left))
-        all_ = SubtetMiddles(mesh.tets[tets], subtet_corners().mean(axis=1)[subtets])
-        middles = all_.at(mesh.rest_vertices)
+        all_ = EmbeddedPoints(mesh.tets[tets], subtet_corners().mean(axis=1)[subtets])
+        middles = all_.points(mesh.rest_vertices)
         sides = mesh.rest_vertices[all_.corners[:, 1]] - mesh.rest_vertices[all_.corners[:, 0]]
         self._edge = float(np.linalg.norm(sides, axis=1).mean()) / 4.0
         thick, surface = SURFACE * self._edge, np.zeros(len(tets), bool)
@@ -121,8 +110,8 @@ class Photographed:
             surface |= hit & ~visible(camera, middles, depth, -thick)  # fog is before it
             yield number / total
         chosen = np.flatnonzero(surface)
-        chosen = chosen[:: 1 + len(chosen) // MOST]
-        self._middles = SubtetMiddles(all_.corners[chosen], all_.weights[chosen])
+        chosen = chosen[:: 1 + len(chosen) // MOST_MARKS]
+        self._middles = EmbeddedPoints(all_.corners[chosen], all_.weights[chosen])
         places = middles[chosen]
         self._seen = np.zeros((1 + len(views), len(chosen), 3), np.float32)
         renderer.set_occupancy(field.occupancy)  # what has been cut off since was in the pictures

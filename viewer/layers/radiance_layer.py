@@ -1,16 +1,12 @@
 """The field's image in the window: rendered when something has changed, refined at rest.
 
-While camera or vertices change, the image is rendered with as many pixels as the target
-frame rate allows; on a CPU, those between are taken from the image before (Upsampling).  At rest
-finer images follow, up to the full resolution, and then shifted images whose mean is shown.  They
-are rendered a strip of rows per frame (resolution.py), and shown when they are whole: a seam that
-moves would look like something in the picture.
-The depth is that of the unshifted image: other things in the scene hide behind the object.
+resolution.py says how many pixels are rendered when.  A picture is shown when it is whole: a seam
+that moves would look like something in the picture.  The depth is that of the unshifted image:
+other things in the scene hide behind the object.
 """
 
 import time
 from dataclasses import replace
-from typing import Protocol
 
 import moderngl
 import numpy as np
@@ -28,10 +24,11 @@ from ...core.render import (
     render_mode,
     shifted,
 )
-from ..camera import Orbit, pixels_per_unit
+from ..camera import pixels_per_unit
 from ..files import with_colors
 from . import gl
-from .ground_plane import GroundPlane, OnGround, RemainingField
+from .drawn import DrawnObject
+from .ground_plane import GroundPlane
 from .resolution import (
     CPU_LADDER,
     LADDER,
@@ -51,28 +48,6 @@ AVERAGED_MODES = ("color", "accumulation")
 SMOOTH_MODES = ("color", "depth", "accumulation", "normals")  # whose colors may be blended
 
 
-class RemainingSubtets(RemainingField, Protocol):
-    """What was not deleted, down to sub-tets."""
-
-    some: bool  # whether anything was
-    kept: np.ndarray  # another array where tets were  [T] bool
-    left: np.ndarray  # [T] uint64
-
-
-class SeenFrom(Protocol):
-    """Where the object is seen from."""
-
-    orbit: Orbit
-    depth_range: tuple[float, float]
-
-
-class WithRadiance(OnGround, Protocol):
-    """The object whose field is drawn."""
-
-    viewpoint: SeenFrom
-    cuts: RemainingSubtets
-
-
 class RadianceLayer:
     """Draws what a Renderer of core/render renders of an object.
 
@@ -87,13 +62,13 @@ class RadianceLayer:
     """
 
     def __init__(
-        self, ctx, drawn: WithRadiance, renderer, path: str, times, clock=time.perf_counter
+        self, ctx, drawn: DrawnObject, renderer, path: str, times, clock=time.perf_counter
     ):
         """Take an object, a renderer of its field, how frames reach OpenGL, and FrameTimes."""
         self.render_count, self.most_samples = 0, SAMPLE_COUNT
         self.path, self.device = path, renderer.device
         self.transparent = False  # draw no background, and the opacity into the fourth channel
-        self._ctx, self._drawn, self._renderer = ctx, drawn, renderer
+        self._ctx, self._drawn = ctx, drawn
         self._times, self._clock = times, clock
         self._triangles = {}  # by what the shader finds defined
         self._triangle = None  # that was drawn last
@@ -107,15 +82,13 @@ class RadianceLayer:
         self._sampling: Sampling | None = None  # once shifted images are rendered
         self._upsampling, self._upsampled_at = Upsampling(), None  # and the last Rung
         self._camera = self._kind = None  # of the shown picture: its camera, and what else decides
-        self._seen = self._pose = None  # what was rendered last
-        self._expect_all()
+        self.set_renderer(renderer)
         self._changed_at = 0.0
         self._note_progress()
 
     # -- how far it is -------------------------------------------------------------------
 
     def _note_progress(self):
-        """Say anew how far it is."""
         coming, self.factor = self._coming, self.shown.factor
         self.refined = float(self.factor == 1.0)
         if self.refined < 1.0 and coming is not None and coming.factor == 1.0:
@@ -143,14 +116,9 @@ class RadianceLayer:
     # -- rendering -----------------------------------------------------------------------
 
     def set_renderer(self, renderer) -> None:
-        """Take another renderer, of a field with the same mesh and levels."""
-        self._renderer = renderer
-        self._seen = self._pose = None
-        self._expect_all()
-
-    def _expect_all(self):
-        """The renderer is one of the whole field."""
-        cuts = self._drawn.cuts
+        """Take another renderer, of a whole field with the same mesh and levels."""
+        self._renderer, cuts = renderer, self._drawn.cuts
+        self._seen = self._pose = None  # what was rendered last
         self._cuts, self._kept = 0, None if cuts.some else cuts.kept
 
     def _follow_cuts(self):
@@ -233,17 +201,14 @@ class RadianceLayer:
         if seen == self._seen:
             return  # a frame in which nothing moves
         self._seen = seen
-        options = RenderOptions(background=tuple(settings.background))
-        mean, count, depth_range = None, len(moments), drawn.viewpoint.depth_range
+        mean, count = None, len(moments)
         for index, (camera, vertices) in enumerate(moments):
-            pose = drawn.revision if vertices is None else object()
-            if pose != self._pose:
+            if vertices is not None or drawn.revision != self._pose:
                 now = drawn.solver.vertices if vertices is None else vertices
                 self._renderer.set_vertices(now)
-                self._pose = pose
+                self._pose = drawn.revision if vertices is None else None
             camera = shifted(camera, count - 1 - index)
-            rows = 0, camera.height
-            image = render_mode(self._renderer, camera, settings.mode, options, rows, depth_range)
+            image = self._image(camera, (0, camera.height))
             if count > 1:
                 mean = mean or RunningMean(camera.width, camera.height, self.device)
                 mean.add(image)
@@ -295,7 +260,7 @@ class RadianceLayer:
         settings, shown = self._drawn.settings, self.shown.texture
         kind = settings.mode, settings.background, self._cuts, self._renderer, camera.parallel
         same, self._kind = kind == self._kind, kind
-        sizes = [_size_of(camera, scale) for scale in (1.0, SMALL)]
+        sizes = _size_of(camera, 1.0), _size_of(camera, SMALL)
         fits = shown is not None and shown.size in sizes
         if not same or not fits or self._camera is None or not self._may_upsample(self._camera):
             return None
@@ -328,11 +293,11 @@ class RadianceLayer:
         rows = 0, camera.height
         # The rest is background already.
         if view is not None and last.part is not None and picture.texture is last.texture:
-            ends = [end for one in (last.part[0], part[0]) for end in (one.start, one.stop)]
-            rows = min(ends), max(ends)
+            old, new = last.part[0], part[0]
+            rows = min(old.start, new.start), max(old.stop, new.stop)
         with self._times.task("upload"):
-            color, depth = (array[slice(*rows)] for array in (image.color, image.depth))
-            picture.texture.write(Image(color, depth, 0), rows[0])
+            strip = slice(*rows)
+            picture.texture.write(Image(image.color[strip], image.depth[strip], 0), rows[0])
         picture.add(image, 0.0)
         picture.factor, picture.part = rung.factor, part
         self.shown, self._coming, self._sampling = picture, None, None
@@ -347,7 +312,6 @@ class RadianceLayer:
         return Image(color, wp.array(self.shown.depth, dtype=float, device="cpu"), 0)
 
     def _render_at(self, factor, camera, cheaper=None):
-        """Render a whole picture."""
         picture = self._picture(factor, camera, self.shown.texture, cheaper)
         self._add_rows(picture, camera, (0, picture.height))
         self.shown, self._coming, self._sampling = picture, None, None
@@ -384,26 +348,24 @@ class RadianceLayer:
 
     def _add_rows(self, picture, camera, rows=None):
         """Render rows of a picture, or its next strip; put them into its texture, if it has one."""
-        drawn, start, rows = self._drawn, time.perf_counter(), rows or picture.strip()
-        options = RenderOptions(background=tuple(drawn.settings.background), **picture.cheaper)
+        start, rows = time.perf_counter(), rows or picture.strip()
         if picture.texture is not None:
             camera = camera.resized(*picture.texture.size)
             with self._times.task("upload"):
                 picture.texture.prepare()
         with self._times.task("render"):
-            image = render_mode(
-                self._renderer,
-                camera,
-                drawn.settings.mode,
-                options,
-                rows,
-                drawn.viewpoint.depth_range,
-            )
+            image = self._image(camera, rows, **picture.cheaper)
             wp.synchronize_device(self.device)  # or CUDA's time would be measured elsewhere
         picture.add(image, time.perf_counter() - start)
         if picture.texture is not None:
             with self._times.task("upload"):
                 picture.texture.write(image, rows[0])
+
+    def _image(self, camera, rows, **cheaper):
+        """Render rows in the view mode that is shown."""
+        settings, depth_range = self._drawn.settings, self._drawn.viewpoint.depth_range
+        options = RenderOptions(background=tuple(settings.background), **cheaper)
+        return render_mode(self._renderer, camera, settings.mode, options, rows, depth_range)
 
     # -- OpenGL --------------------------------------------------------------------------
 
@@ -413,7 +375,12 @@ class RadianceLayer:
         scaled = self.shown.texture.size != (camera.width, camera.height)
         smooth = scaled and settings.mode in SMOOTH_MODES
         ground = self._ground.uniforms(unit=2)
-        self._triangle = self._triangle_for(smooth, bool(ground))
+        # On a CPU, what a shader needn't do would take as long as the rest.
+        defines = ("SMOOTH",) * smooth + ("GROUND",) * bool(ground)
+        defines += ("BUFFER",) * self.shown.texture.is_buffer
+        if defines not in self._triangles:
+            self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
+        self._triangle = self._triangles[defines]
         (width, height), (x, y) = (camera.width, camera.height), camera.lens.center
         gl.set_uniforms(
             self._triangle.program,
@@ -462,14 +429,6 @@ class RadianceLayer:
         width, height = int(np.ceil(right)) - x, int(np.ceil(camera.height - top)) - y
         return x, y, max(width, 1), max(height, 1)
 
-    def _triangle_for(self, smooth, has_ground):
-        """What draws the picture; on a CPU, what it needn't do would take as long as the rest."""
-        defines = ("SMOOTH",) * smooth + ("GROUND",) * has_ground
-        defines += ("BUFFER",) * self.shown.texture.is_buffer
-        if defines not in self._triangles:
-            self._triangles[defines] = gl.full_screen(self._ctx, "image", defines)
-        return self._triangles[defines]
-
     def _draw_triangle(self):
         self.shown.texture.use()
         self._ctx.enable_only(moderngl.DEPTH_TEST)  # without the test nothing is written
@@ -494,4 +453,4 @@ class RadianceLayer:
 
 def _size_of(camera, factor):
     """Width and height of a picture with that share of a camera's, at least 8 × 8."""
-    return tuple(max(8, round(factor * side)) for side in (camera.width, camera.height))
+    return max(8, round(factor * camera.width)), max(8, round(factor * camera.height))

@@ -119,21 +119,17 @@ class MovingResolution:
         self._slow = slow
         is_late = seconds > LATE * self.target_seconds and self.step < len(self.ladder) - 1
         self._late = self._late + 1 if is_late else 0
-        is_early = self.step > 0 and self._expected(seconds) < FITS * self.target_seconds
+        # The rung above takes longer in proportion to its cost, or less: a part of the time is the
+        # same for all.  What it took when it was tried tells, less and less; one that was never
+        # tried is worth a trial.
+        most = seconds * self.ladder[self.step - 1].cost / self.rung.cost
+        expected = min(max(self._seen.get(self.step - 1, 0.0), seconds), most)
+        is_early = self.step > 0 and expected < FITS * self.target_seconds
         self._early = self._early + 1 if is_early else 0
         if self._late == IN_A_ROW:
             self._go(1)
         elif self._early == IN_A_ROW:
             self._go(-1)
-
-    def _expected(self, seconds):
-        """Seconds of a frame of the rung above: in proportion to its cost, or less.
-
-        A part of a frame's time is the same for all rungs.  What the rung above took when it was
-        tried tells, less and less; one that was never tried is worth a trial.
-        """
-        most = seconds * self.ladder[self.step - 1].cost / self.rung.cost
-        return min(max(self._seen.get(self.step - 1, 0.0), seconds), most)
 
     def _go(self, rungs: int) -> None:
         self.step += rungs

@@ -71,10 +71,6 @@ class ImageTarget:
         """Put an Image of core/render at `first_row`, counted from the top."""
         self._write([image.color, image.depth], first_row)
 
-    def _check(self, pixels, first_row):
-        height, width = pixels.shape
-        assert width == self.size[0] and first_row + height <= self.size[1], pixels.shape
-
 
 class SharedImage(ImageTarget):
     """Both images in an OpenGL buffer that CUDA writes.
@@ -93,7 +89,7 @@ class SharedImage(ImageTarget):
         self._mapped = self._beside = None
         try:
             self._register()
-            self._views = [gl.buffer_texture(self._buffer, kind) for kind in ("RGBA8", "R32F")]
+            self._views = [gl.BufferTexture(self._buffer, kind) for kind in ("RGBA8", "R32F")]
         except BaseException:
             self.release()
             raise
@@ -102,12 +98,8 @@ class SharedImage(ImageTarget):
         if not wp.get_device(self._device).is_cuda:
             raise RuntimeError("the renderer runs on the CPU")
         # Strips are written one by one: what is there stays.
-        self._shared = wp.RegisteredGLBuffer(
-            self._buffer.glo,
-            self._device,
-            flags=wp.RegisteredGLBuffer.NONE,
-            fallback_to_copy=False,
-        )
+        number, kind = self._buffer.glo, wp.RegisteredGLBuffer
+        self._shared = kind(number, self._device, kind.NONE, fallback_to_copy=False)
         self._beside = wp.Stream(self._device)
 
     def prepare(self) -> None:
@@ -115,20 +107,22 @@ class SharedImage(ImageTarget):
         if self._beside is not None and self._mapped is None:
             # What is launched later does not wait for this stream, only `write` does.
             with wp.ScopedStream(self._beside, sync_enter=False):
-                self._mapped = self._map()
+                self._map()
 
     def _map(self):
-        return self._shared.map(dtype=wp.uint8, shape=(2 * self._byte_count,))
+        self._mapped = self._shared.map(dtype=wp.uint8, shape=(2 * self._byte_count,))
 
     def _unmap(self):
-        wp.get_stream(self._device).wait_stream(self._beside)
-        self._shared.unmap()
-        self._mapped = None
+        if self._mapped is not None:
+            wp.get_stream(self._device).wait_stream(self._beside)
+            self._shared.unmap()
+            self._mapped = None
 
     def _write(self, arrays, first_row):
-        self._check(arrays[0], first_row)
+        height, width = arrays[0].shape
+        assert width == self.size[0] and first_row + height <= self.size[1], arrays[0].shape
         if self._mapped is None:
-            self._mapped = self._map()
+            self._map()
         wp.get_stream(self._device).wait_stream(self._beside)
         for index, array in enumerate(arrays):
             start = self._mapped.ptr + index * self._byte_count + 4 * first_row * self.size[0]
@@ -141,23 +135,20 @@ class SharedImage(ImageTarget):
 
         They find both in each of them, one after the other, and only one in the right format.
         """
-        if self._mapped is not None:  # no image came
-            self._unmap()
+        self._unmap()  # if no image came
         for unit, view in enumerate(self._views):
-            gl.use_buffer_texture(view, unit)
+            view.use(unit)
 
     def read(self) -> bytes:
         """All colors, then all depths."""
-        if self._mapped is not None:
-            self._unmap()
+        self._unmap()
         return self._buffer.read()
 
     def release(self) -> None:
-        if self._mapped is not None:
-            self._unmap()
+        self._unmap()
         self._shared = None  # unregistered before OpenGL deletes the buffer
         for view in self._views:
-            gl.release_buffer_texture(view)
+            view.release()
         self._views = []
         self._buffer.release()
 
@@ -178,15 +169,15 @@ class ImageTexture(ImageTarget):
         self._pinned = {}  # memory of the host that CUDA copies to, by the pixels' type
 
     def _write(self, arrays, first_row):
-        self._check(arrays[0], first_row)
         for texture, pixels in zip((self.color, self.depth), arrays, strict=False):
+            if pixels.device.is_cuda:
+                pixels = self._pinned_copy(pixels)
             height, width = pixels.shape
-            texture.write(self._on_host(pixels), viewport=(0, first_row, width, height))
+            strip = 0, first_row, width, height
+            texture.write(np.ascontiguousarray(pixels.numpy()), viewport=strip)
 
-    def _on_host(self, pixels):
-        """The pixels as a NumPy array, which the next call may overwrite."""
-        if not pixels.device.is_cuda:
-            return np.ascontiguousarray(pixels.numpy())
+    def _pinned_copy(self, pixels):
+        """On the host; the next call may overwrite it."""
         if pixels.dtype not in self._pinned:
             count = self.size[0] * self.size[1]
             memory = wp.empty(count, dtype=pixels.dtype, device="cpu", pinned=True)
@@ -194,7 +185,7 @@ class ImageTexture(ImageTarget):
         pinned = self._pinned[pixels.dtype][: pixels.size].reshape(pixels.shape)
         wp.copy(pinned, pixels.contiguous())
         wp.synchronize_device(pixels.device)
-        return pinned.numpy()
+        return pinned
 
     def use(self) -> None:
         """Give shaders the colors as unit 0 and the depths as unit 1."""

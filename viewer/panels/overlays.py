@@ -76,22 +76,22 @@ def gesture_overlay(controls, gui, grab_radius, size) -> None:
     """Draw what the gesture in progress needs."""
     lines = imgui.get_background_draw_list()
     if controls.mode == "box":
-        (x0, y0), (x1, y1) = (pixel / controls.ratio for pixel in controls.region)
+        (x0, y0), (x1, y1) = (pixel / controls.ratio for pixel in controls.holder.region)
         lines.add_rect_filled((x0, y0), (x1, y1), LINE(FILL))
         lines.add_rect((x0, y0), (x1, y1), LINE(OUTLINE))
     elif controls.mode == "lasso":
-        points = [tuple(pixel / controls.ratio) for pixel in controls.region]
+        points = [tuple(pixel / controls.ratio) for pixel in controls.holder.region]
         for start, end in zip(points, [*points[1:], points[0]], strict=True):
             lines.add_line(start, end, LINE(OUTLINE), 1.5)
     elif controls.held_drag is not None:
         _drag(controls, size, lines)
-    elif not controls.mode and controls.spot is not None and not gui.mouse_on_panel:
+    elif not controls.mode and controls.tools["grab"].spot is not None and not gui.mouse_on_panel:
         _reach(controls, grab_radius, lines)
 
 
 def _reach(controls, grab_radius, lines):
     """What a drag from under the mouse would take along, faintly."""
-    camera, place = controls.camera, controls.spot
+    camera, place = controls.camera, controls.tools["grab"].spot
     beside = place + grab_radius * camera.camera_to_world[:3, 0]
     pixels, _ = project(camera, np.array([place, beside]))
     if np.isfinite(pixels).all():
@@ -115,7 +115,7 @@ def _drag(controls, size, lines):
 
 def _axis_line(controls, size, lines, axis):
     along = AXIS_LENGTH * size * controls.held_drag.held.axes[:, axis]
-    places = controls.drag_place + np.linspace(-1.0, 1.0, 33)[:, None] * along
+    places = controls.holder.drag_place + np.linspace(-1.0, 1.0, 33)[:, None] * along
     pixels, _ = project(controls.camera, places)
     points = pixels[np.isfinite(pixels).all(axis=1)] / controls.ratio
     for start, end in pairwise(points):

@@ -9,6 +9,6 @@ from .keys import (
     RIGHT as RIGHT,
     SHIFT as SHIFT,
 )
-from .constraints import KINDS as KINDS, MOVE as MOVE, SCALE as SCALE, TURN as TURN
+from .drags import KINDS as KINDS, MOVE as MOVE, SCALE as SCALE, TURN as TURN
 from .gizmo import Part as Part
-from .deleting import BRUSH as BRUSH, found_box as found_box, said as said
+from .brushes import BRUSH as BRUSH, found_box as found_box, said as said

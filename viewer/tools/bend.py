@@ -11,7 +11,7 @@ import numpy as np
 from ..camera import project
 from ..document import MOST_ADDED
 from . import drags
-from .constraints import MOVE, Constraint
+from .drags import MOVE, Constraint
 from .gizmo import Gizmo, best_rotation
 from .keys import ALT, CTRL, SHIFT
 from .tool import DragTool
@@ -31,8 +31,7 @@ class Bend(DragTool):
         spot: Of the surface, where a drag from under the mouse would take hold; or None.  [3]
     """
 
-    word = "Bend"
-    name, title, icon, cross = "grab", "Bend", "hand_pointer", False
+    cross = False
     hint = (
         "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"
     )

@@ -1,7 +1,4 @@
-"""Bones under the mouse: joints are placed and moved, bones turned, and reached with.
-
-Pixels are the image's, x to the right, y down.
-"""
+"""Bones under the mouse: joints are placed and moved, bones turned, and reached with."""
 
 from dataclasses import dataclass, replace
 
@@ -10,8 +7,7 @@ import numpy as np
 from ...wings.rig import reach, turned
 from ..camera import away_from_lines, project, ray
 from ..document import HEAD, TAIL, Joint, Matter
-from .constraints import MOVE, SCALE, TURN
-from .drags import BEHIND, Drag, is_ahead, miss_of
+from .drags import BEHIND, MOVE, SCALE, TURN, Drag, is_ahead, miss_of
 from .gizmo import Gizmo
 from .tool import DragTool
 
@@ -30,11 +26,13 @@ class BoneDrag(Drag):
 
 
 class BoneTool(DragTool):
-    """The tools "joints" and "bones".
+    """Turns bones, reaches with their tips, and moves roots.
 
     Attributes:
         place: Where a joint that is dragged would go, or None.  [3]
     """
+
+    hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
 
     place = None
     on_joints = False  # places joints, instead of posing bones
@@ -184,7 +182,6 @@ class BoneTool(DragTool):
 
     @property
     def _chosen(self):
-        """The joint that is chosen, or None."""
         rigging = self.scene.rigging
         return next((one for one in rigging.joints if one.name == rigging.selected), None)
 
@@ -220,20 +217,11 @@ class BoneTool(DragTool):
 
     def delete(self) -> bool:
         """Delete the chosen joint; whether there was one."""
-        rigging = self.scene.rigging
-        if rigging.selected not in [joint.name for joint in rigging.joints]:
-            return False
-        rigging.delete_joint(*rigging.selected)
-        rigging.selected = None
-        return True
-
-
-class PoseTool(BoneTool):
-    """Turns bones, reaches with their tips, and moves roots."""
-
-    word = "Bones"
-    name, title, icon = "bones", "Pose bones", "person_running"
-    hint = "Drag a bone: turn it.  Its tip: reach.  A root's head: move all.  Esc: back to Bend"
+        rigging, joint = self.scene.rigging, self._chosen
+        if joint is not None:
+            rigging.delete_joint(*joint.name)
+            rigging.selected = None
+        return joint is not None
 
 
 class JointTool(BoneTool):
@@ -242,8 +230,6 @@ class JointTool(BoneTool):
     on_joints = True
     _matter = None  # what was deleted, and the Matter that is left, once it is needed
 
-    word = "Joints"
-    name, title, icon = "joints", "Place joints", "bone"
     hint = "Click on the object: a joint, joined to the chosen one.  Drag: move.  Esc: back to Bend"
 
     def click(self, pixel) -> None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..camera import CLOSEST, FARTHEST, depth_at, turned
-from .keys import CTRL
+from .keys import CTRL, key_name
 
 WAYS = {  # keys, and where they move: right, up, backward
     ("W", "UP"): (0.0, 0.0, -1.0),
@@ -49,8 +49,6 @@ class Fly:
 
     def begin(self) -> None:
         """The mouse and some keys are the flight's from now on; rays are not parallel."""
-        if self.on:
-            return
         self._controls.cancel()
         scene = self._scene
         scene.handles.hover = None
@@ -101,7 +99,7 @@ class Fly:
     # -- the window's events; True keeps them from everybody else --------------------------
 
     def on_key_press(self, symbol, modifiers):
-        name = _name(symbol)
+        name = key_name(symbol)
         if name == "ESCAPE":
             self.end()
             return True
@@ -111,9 +109,9 @@ class Fly:
         return None
 
     def on_key_release(self, symbol, modifiers):
-        self._held.discard(_name(symbol))
+        self._held.discard(key_name(symbol))
 
-    def on_mouse_motion(self, x, y, dx, dy):
+    def on_mouse_motion(self, x, y, dx, dy, *_buttons):
         self._end_if_parallel()
         if not self.on:
             return None
@@ -122,8 +120,7 @@ class Fly:
         self._put_target(eye, self._scene.orbit.distance)
         return True
 
-    def on_mouse_drag(self, x, y, dx, dy, buttons, modifiers):
-        return self.on_mouse_motion(x, y, dx, dy)
+    on_mouse_drag = on_mouse_motion
 
     def on_mouse_scroll(self, x, y, scroll_x, scroll_y):
         self.speed = float(np.clip(self.speed * FASTER**scroll_y, SLOWEST, FASTEST))
@@ -135,10 +132,3 @@ class Fly:
 
     def on_deactivate(self):
         self.end()
-
-
-def _name(symbol):
-    """Pyglet's name of a key."""
-    from pyglet.window import key  # not at the top: it needs a display, or headless mode
-
-    return key.symbol_string(symbol)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..camera import away_from_lines, pixels_per_unit, project, within
-from .constraints import SCALE, TURN
+from .drags import SCALE, TURN
 
 LENGTH = 80.0  # points, of an arrow across the view
 GAP = 0.22  # of the length, from the pivot to where an arrow begins: the red point is there

@@ -17,8 +17,9 @@ from threading import Thread
 import numpy as np
 
 from ...core import field as fields
-from ...core.field import subtet_corners, subtet_middles, unpack_mask
-from .deleting import said
+from ...core.field import subtet_middles, unpack_mask
+from ...core.geometry import EmbeddedPoints
+from .brushes import said
 from .keys import SHIFT
 from .tool import Tool
 
@@ -39,8 +40,6 @@ class Isolate(Tool):
         strokes: Those that count, one after another; another tuple after each change.
     """
 
-    word = "Isolate"
-    name, title, icon = "isolate", "Isolate one thing", "object_ungroup"
     hint = "Click the object.  Drag: this.  Shift: not this.  Enter: cut the rest off.  Esc: back"
 
     _work: Future | None = None  # in progress, and since when
@@ -61,7 +60,9 @@ class Isolate(Tool):
         point = self.view.surface_at(pixel, beside=False)
         if point is None:
             return False
-        self._places = self._middles_now(), self._middles_at_rest()
+        mesh, left = self.scene.field.mesh, unpack_mask(self.scene.cuts.left)
+        shapes = self.scene.positions, mesh.rest_vertices
+        self._places = [subtet_middles(mesh, vertices)[left] for vertices in shapes]
         self._this, self.mode = not modifiers & SHIFT, "isolate"
         away = float(np.linalg.norm(point - self.view.camera.position))
         unit = 1.0 if self.view.camera.parallel else away
@@ -117,13 +118,15 @@ class Isolate(Tool):
     def redoes(self) -> str:
         return "stroke" * bool(self._undone)
 
-    def undo(self) -> None:
+    def undo(self) -> bool:
         *left, last = self.strokes
         self.strokes, self._undone = tuple(left), (*self._undone, last)
+        return True
 
-    def redo(self) -> None:
+    def redo(self) -> bool:
         *self._undone, last = self._undone
         self.strokes = (*self.strokes, last)
+        return True
 
     def forget(self) -> None:
         """Give up all strokes."""
@@ -167,9 +170,8 @@ class Isolate(Tool):
         solid = np.flatnonzero((isolation.opacity > SOLID) & (known | ~kept))
         solid = solid[:: 1 + len(solid) // MARKS_MAX]
         matter = isolation.matter
-        mesh, positions = self.scene.field.mesh, self.scene.positions
-        corners = mesh.tets[matter.tets[solid]]
-        places = np.einsum("nk,nkx->nx", matter.weights[solid], positions[corners])
+        corners = self.scene.field.mesh.tets[matter.tets[solid]]
+        places = EmbeddedPoints(corners, matter.weights[solid]).points(self.scene.positions)
         return places, np.where(kept[solid, None], OURS, OTHERS), 0.4 * matter.edge
 
     def _follow(self):
@@ -194,7 +196,6 @@ class Isolate(Tool):
             self._begin(partial(singled_out, self._isolation, self.strokes))
 
     def _begin(self, work):
-        """Have something worked out of what is there now."""
         self._asked, self._since = (self.scene.cuts.revision, self.strokes), time.monotonic()
         self._work = in_thread(work)
 
@@ -217,16 +218,6 @@ class Isolate(Tool):
         else:
             self.view.say(NEEDS_SCIPY if getattr(error, "name", "") == "scipy" else str(error))
             self.scene.settings.tool = "grab"
-
-    def _middles_now(self):
-        """Middles of what is left, now.  [N, 3]"""
-        mesh, left = self.scene.field.mesh, unpack_mask(self.scene.cuts.left)
-        corners = self.scene.positions[mesh.tets]
-        return np.einsum("sk,tkx->tsx", subtet_corners().mean(axis=1), corners)[left]
-
-    def _middles_at_rest(self):
-        """The same at rest.  [N, 3]"""
-        return subtet_middles(self.scene.field.mesh)[unpack_mask(self.scene.cuts.left)]
 
     def _at_rest(self, point):
         """Where the matter nearest to a point is at rest.  [3]"""

@@ -9,3 +9,10 @@ OTHER_NAMES = {  # of digits: the number pad's, X11's for it without Num Lock, U
     **{"NUM_HOME": "_7", "NUM_LEFT": "_4", "NUM_RIGHT": "_6", "NUM_UP": "_8", "NUM_DOWN": "_2"},
     **{"EXCLAMATION": "_1", "POUND": "_3", "HASH": "_3", "AMPERSAND": "_7"},
 }
+
+
+def key_name(symbol) -> str:
+    """Pyglet's name of a key."""
+    from pyglet.window import key  # not at the top: it needs a display, or headless mode
+
+    return key.symbol_string(symbol)

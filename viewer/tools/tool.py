@@ -11,21 +11,24 @@ class Tool:
     """One tool.
 
     Attributes:
-        name: One of TOOLS, the value of Settings.tool.
-        title, word, icon: Of its button: what it is called, in one word, and the name of a glyph.
+        name, title, word, icon: Its row of controls.KINDS_OF_TOOL.
         hint: What it does, for the status line.
         cross: Whether the mouse is shown as a cross.
         waits: Whether it waits until the mouse has moved farther than in a click.
         mode: What it does now; empty if it doesn't hold the mouse.
         told: What it has to say now, for a line over the view.
         busy: Whether it works something out, after which there is something new to see.
-        undoes, redoes: What of its own, not yet the object's, `undo` would take back, and `redo`
-            bring again; or empty.
+        gizmo: The Gizmo of what is chosen; None without one.
+        held_drag: The Drag or BoneDrag in progress; None without one.
+        region: Pixels of the corners of the box that is drawn, or of the lasso.
+        undoes, redoes: What of its own, not yet the object's, its `undo` would take back, and its
+            `redo` bring again; or empty.
     """
 
     name = title = word = icon = hint = mode = told = undoes = redoes = ""
     cross, waits, can_cancel, busy = True, False, True, False
     gizmo = held_drag = None
+    region = ()
 
     def __init__(self, controls):
         """Take the Controls: the picture, where to tell things, and what the tool acts on."""
@@ -62,12 +65,6 @@ class Tool:
         """Enter is pressed, and no button is down; whether the tool takes it."""
         return False
 
-    def undo(self) -> None:
-        """Take back what `undoes` names."""
-
-    def redo(self) -> None:
-        """Bring again what `redoes` names."""
-
     def cancel(self) -> None:
         """Give up what the button does: all is as it was before the press."""
 
@@ -97,14 +94,9 @@ class CameraMove(Tool):
 class DragTool(Tool):
     """A tool that moves, turns and scales: by the mouse, by keys and by the gizmo.
 
-    Each kind has all of the following.
-
     Attributes:
-        drag: What the button does, a Drag or a BoneDrag.
-        held_drag: The same, as long as it holds something; or None.
+        drag: What the button does, a Drag or a BoneDrag; `held_drag` while it holds something.
         drag_place: Where what is dragged is: the point that the axes of the drag go through.  [3]
-        waits: So far, it may be a click.
-        gizmo: The Gizmo of what is chosen; None without one.
     """
 
     drag = drag_place = None

@@ -157,14 +157,12 @@ class Watcher:
         if self._scene is None:
             self._accumulates, scene.settings.accumulate = scene.settings.accumulate, False
             app.loaded_on = app.loaded_on or (self.job.device, "auto")
-            for sentence in [] if app.autosave is None else app.autosave.leave():
-                app.recorder.say(sentence)
+            app.end()  # what was done to the scene before
             app.autosave = None
         show(app, scene, snapshot.renderer, self._path)
         self._scene, self._home = scene, home
 
     def _leave(self):
-        """Watch the run no longer."""
         self._watching = False
         if self._scene is not None:
             self.app.scene.settings.accumulate = self._accumulates

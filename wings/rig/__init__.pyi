@@ -23,6 +23,7 @@ from .export import MESH_ENDINGS as MESH_ENDINGS, export_mesh as export_mesh
 
 # For the viewer, the commands and the lab.
 from . import rotations as rotations
+from .export import ply_file as ply_file, ply_lists as ply_lists
 from .skeleton import (
     MOST_BONES as MOST_BONES,
     moved_tails as moved_tails,

@@ -71,14 +71,18 @@ def export_mesh(
 def ply_bytes(
     mesh: TetMesh, colors=None, preview: EmbeddedSurface | None = None, attribution: str = ""
 ) -> bytes:
-    """Binary PLY, little endian."""
+    """The mesh as binary PLY."""
     faces, _ = boundary_faces(mesh.tets, tet_neighbours(mesh.tets))
-    elements = [_vertices(mesh, colors), _lists("face", faces), _edges(edges(mesh.tets))]
-    elements += [_lists("tet", mesh.tets)]
+    elements = [_vertices(mesh, colors), ply_lists("face", faces), _edges(edges(mesh.tets))]
+    elements += [ply_lists("tet", mesh.tets)]
     if preview is not None:
-        elements += [_preview(mesh, preview), _lists("preview_face", preview.faces)]
-    header = ["ply", "format binary_little_endian 1.0"]
-    header += ["comment deformrf coarse mesh, model space, z up"]
+        elements += [_preview(mesh, preview), ply_lists("preview_face", preview.faces)]
+    return ply_file("deformrf coarse mesh, model space, z up", attribution, elements)
+
+
+def ply_file(comment: str, attribution: str, elements) -> bytes:
+    """Binary PLY, little endian, of elements: lines of the header and an array of rows each."""
+    header = ["ply", "format binary_little_endian 1.0", f"comment {comment}"]
     header += [f"comment {attribution}"] if attribution else []
     header += [line for lines, _ in elements for line in lines] + ["end_header", ""]
     text = "\n".join(header).encode("ascii", "backslashreplace")
@@ -99,8 +103,8 @@ def _vertices(mesh, colors):
     return lines, rows
 
 
-def _lists(name, ids):
-    """Faces or tets: all have the same number of corners."""
+def ply_lists(name, ids):
+    """An element of `ply_file`: faces or tets [n, corners] int, all with as many corners."""
     width = ids.shape[1]
     rows = np.empty(len(ids), [("count", "u1"), ("ids", "<i4", width)])
     rows["count"], rows["ids"] = width, ids

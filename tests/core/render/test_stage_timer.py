@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from deformrf.core.render.stage_timer import StageTimer
+from deformrf.core.render import StageTimer
 
 
 def test_times_of_one_stage_add_up(device):

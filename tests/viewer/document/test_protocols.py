@@ -15,18 +15,12 @@ from deformrf.viewer.document.scene.handles import Grabbable
 from deformrf.viewer.document.scene.viewpoint import Viewed
 from deformrf.viewer.document.sessions.session import Beginning, OpenObject
 from deformrf.viewer.document.timeline.timeline import Keyed
-from deformrf.viewer.layers.bone_layer import WithBones
-from deformrf.viewer.layers.ground_plane import OnGround
-from deformrf.viewer.layers.handle_layer import WithSpheres
-from deformrf.viewer.layers.mesh_layer import WithMesh
-from deformrf.viewer.layers.photographed import WithPhotographs
-from deformrf.viewer.layers.radiance_layer import WithRadiance
+from deformrf.viewer.layers.drawn import DrawnObject
 
 OF_THE_DOCUMENT = (
     *(Undoable, MovedByBones, Rigged, Cuttable, Grabbable, Viewed, Timed, Keyed),
     *(Beginning, OpenObject),
 )
-OF_LAYERS = WithBones, OnGround, WithSpheres, WithMesh, WithRadiance, WithPhotographs
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +48,7 @@ def lacking(thing, protocol):
             yield f"{protocol.__name__}.{name}: {type(value)}"
 
 
-@pytest.mark.parametrize("protocol", [*OF_THE_DOCUMENT, *OF_LAYERS], ids=lambda one: one.__name__)
+@pytest.mark.parametrize("protocol", [*OF_THE_DOCUMENT, DrawnObject], ids=lambda one: one.__name__)
 def test_a_scene_has_what_is_taken_of_it(scene, protocol):
     assert list(lacking(scene, protocol)) == []
 

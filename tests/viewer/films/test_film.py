@@ -305,7 +305,7 @@ def test_a_material_changes_how_a_session_moves_the_object(recorded, ball_file, 
 @pytest.mark.gl
 def test_strain_with_its_legend_and_the_ground_are_in_a_film(ball, ball_file, tmp_path):
     from deformrf.viewer.document import Scene
-    from deformrf.viewer.layers.colormaps import COLORS
+    from deformrf.viewer.layers.legend import COLORS
 
     scene = Scene(ball, "ball", "cpu")
     start = start_of(scene)

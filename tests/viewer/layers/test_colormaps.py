@@ -4,7 +4,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from deformrf.viewer.layers.colormaps import COLORS, colored
+from deformrf.viewer.layers.legend import COLORS, colored
 
 
 @pytest.mark.parametrize("name", COLORS)

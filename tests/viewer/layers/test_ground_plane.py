@@ -48,8 +48,8 @@ def test_points_of_the_object_go_where_it_goes(ball):
     assert 1000 < len(middles.corners) <= MOST_POINTS
     rest = ball.mesh.rest_vertices
     matrix = np.array([[1.0, 0.3, 0.0], [0.0, 0.8, 0.1], [0.0, 0.0, 1.2]])
-    moved = middles.at(rest @ matrix.T + [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(moved, middles.at(rest) @ matrix.T + [1.0, 2.0, 3.0], atol=1e-6)
+    moved = middles.points(rest @ matrix.T + [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(moved, middles.points(rest) @ matrix.T + [1.0, 2.0, 3.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("meters, spacing", [(0.7, 0.1), (1.0, 0.2), (2.6, 0.5), (0.02, 0.002)])

@@ -7,7 +7,7 @@ from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import Scene
 from deformrf.viewer.layers import Canvas, MarkLayer
-from deformrf.viewer.layers.mark_layer import mark_instances
+from deformrf.viewer.layers.handle_layer import far_first, sphere_rows
 
 SIZE = 400, 300
 BLUE, ORANGE = (0.10, 0.55, 0.95), (0.95, 0.45, 0.10)
@@ -16,7 +16,8 @@ BLUE, ORANGE = (0.10, 0.55, 0.95), (0.95, 0.45, 0.10)
 def test_marks_have_their_colors_and_far_ones_come_first():
     rng = np.random.default_rng()
     places, tints = rng.normal(size=(40, 3)), rng.random((40, 3))
-    instances = mark_instances(places, tints, 0.1, np.array([0.0, -9.0, 0.0]))
+    rows = sphere_rows(places, 0.1, tints)
+    instances = far_first(rows, places, np.array([0.0, -9.0, 0.0]))
     away = np.linalg.norm(instances[:, :3] - [0.0, -9.0, 0.0], axis=1)
     assert (np.diff(away) <= 1e-6).all()
     np.testing.assert_allclose(instances[:, 3], 0.1)

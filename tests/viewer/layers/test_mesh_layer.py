@@ -12,7 +12,7 @@ from deformrf.viewer.camera import orbit as orbits
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import Scene
 from deformrf.viewer.layers import Canvas, HandleLayer, MeshLayer, RadianceLayer
-from deformrf.viewer.layers.colormaps import COLORS, colored
+from deformrf.viewer.layers.legend import COLORS, colored
 from deformrf.viewer.layers.mesh_layer import LIGHT_SHADING, scale_of, values_of
 from deformrf.viewer.settings import SURFACES, Settings
 from deformrf.viewer.times import FrameTimes

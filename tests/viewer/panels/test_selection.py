@@ -9,7 +9,7 @@ from deformrf.core.deform import TIME_STEP
 from deformrf.viewer.camera import picking
 from deformrf.viewer.document import Motion, Scene, rotation_matrix, rotation_vector
 from deformrf.viewer.settings import GRAB_RADII
-from deformrf.viewer.tools import CTRL, SHIFT, constraints
+from deformrf.viewer.tools import CTRL, SHIFT, drags
 
 SIZE = 320, 240
 
@@ -165,7 +165,7 @@ def test_what_is_held_turns_with_the_mouse_around_its_center(controls, scene):
     controls.press(press, "left")
     controls.drag(press + np.array([4.0, 0.0]), 4, 0)
     scene.handles.drag_to(before[0])
-    controls.turn_into(constraints.TURN)
+    controls.turn_into(drags.TURN)
     controls.drag(press, -4, 0)
     quarter = middle + rotation_2d(0.5) @ (controls.pointer - middle)
     controls.drag(quarter, 1, 1)
@@ -306,7 +306,7 @@ def test_an_axis_that_points_at_the_eye_throws_nothing(controls, scene):
     for way in range(-40, 41, 5):
         controls.drag(press + np.array([float(way), 0.5]), 1, 0)
         away = scene.handles.grabbed.target.place - scene.handles.grabbed.start
-        assert np.linalg.norm(away) <= constraints.FARTHEST_DRAG * scene.size * (1.0 + 1e-9)
+        assert np.linalg.norm(away) <= drags.FARTHEST_DRAG * scene.size * (1.0 + 1e-9)
 
 
 def test_half_a_turn_goes_on_the_shorter_way():

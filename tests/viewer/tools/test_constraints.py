@@ -8,8 +8,8 @@ from random_hands import random_axes, random_camera
 
 from deformrf.viewer.camera import project, ray
 from deformrf.viewer.document import rotation_matrix
-from deformrf.viewer.tools import constraints
-from deformrf.viewer.tools.constraints import Constraint, number_of, on_axis, on_plane, unwound
+from deformrf.viewer.tools import drags
+from deformrf.viewer.tools.drags import Constraint, number_of, on_axis, on_plane, unwound
 
 
 def test_numbers_are_what_python_takes_them_for_however_they_are_typed():
@@ -18,7 +18,7 @@ def test_numbers_are_what_python_takes_them_for_however_they_are_typed():
         held = Constraint()
         for character in random.choice([*"0123456789.,-\bex"], random.integers(1, 30)):
             assert held.type(str(character)) == (character not in "ex")
-            assert len(held.text) <= constraints.LONGEST_NUMBER
+            assert len(held.text) <= drags.LONGEST_NUMBER
             assert held.text.count(".") <= 1 and held.text.rfind("-") <= 0
             if held.text.strip("-."):
                 assert held.number == float(held.text) and math.isfinite(held.number)
@@ -66,7 +66,7 @@ def test_a_move_stays_on_its_axis_or_plane_as_near_to_the_mouse_as_it_can():
             assert (
                 on_plane(ray(camera, pixel), start, along) is None
                 or np.allclose(project(camera, place[None])[0][0], pixel, atol=1e-6)
-                or np.linalg.norm(way) >= constraints.FARTHEST_DRAG - 1e-9
+                or np.linalg.norm(way) >= drags.FARTHEST_DRAG - 1e-9
             )
             continue
         np.testing.assert_allclose(way, (way @ along) * along, atol=1e-9)
@@ -87,7 +87,7 @@ def test_a_length_that_is_typed_goes_along_the_axis_in_object_sizes():
     place = held.place(camera, np.zeros(2), start, start, size)
     np.testing.assert_allclose(place, start - 0.25 * size * held.own[:, 2])
     assert held.length(place - start, size) == pytest.approx(-0.25)
-    for text, expected in (("99999", constraints.FARTHEST_DRAG), ("", 0.0)):
+    for text, expected in (("99999", drags.FARTHEST_DRAG), ("", 0.0)):
         held.text = text
         if text:
             way = held.place(camera, np.zeros(2), start, start, size) - start
@@ -105,9 +105,9 @@ def test_a_turn_about_an_axis_follows_the_mouse_around_it():
         after = rotation_matrix(angle * held.along) @ arm
         ends, _ = project(camera, center + np.array([np.zeros(3), arm, after]))
         steep = [abs(ray(camera, pixel)[1] @ held.along) for pixel in ends]
-        if min(steep) < 2.0 * constraints.ALONG:
+        if min(steep) < 2.0 * drags.ALONG:
             continue
-        if np.linalg.norm(ends[1] - ends[0]) < 2.0 * constraints.NEAR * ratio:
+        if np.linalg.norm(ends[1] - ends[0]) < 2.0 * drags.NEAR * ratio:
             continue
         found = held.angle(camera, center, ends[1], ends[2], ratio, angle)
         assert found == pytest.approx(angle, abs=1e-6)

@@ -74,7 +74,7 @@ def test_a_drag_on_the_object_takes_it_there(controls, scene, monkeypatch, key, 
     monkeypatch.setattr(controls, "surface_at", lambda pixel, beside=True: place)
     pixels, _ = picking.project(controls.camera, place[None])
     controls.motion(pixels[0])
-    np.testing.assert_array_equal(controls.spot, place)
+    np.testing.assert_array_equal(controls.tools["grab"].spot, place)
     count, view = len(scene.handles.points), scene.orbit
     controls.press(pixels[0], "left", modifiers=key)
     controls.drag(pixels[0] + 1.0, 1, -1)
