@@ -104,28 +104,19 @@ def mesh_hash(mesh) -> str:
     return hashlib.sha256(b"".join(one.tobytes() for one in arrays)).hexdigest()
 
 
-def factor_hash(factors) -> str:
-    """A number for the stiffnesses that a model has: SHA-256, hexadecimal."""
-    return hashlib.sha256(np.asarray(factors, "<f4").tobytes()).hexdigest()
-
-
 def hashes_of(field: TetField) -> dict[str, str | None]:
-    """What a session's start says of its model's stiffnesses and rig."""
-    factors, rig = field.stiffness, field.rig_arrays
-    return {
-        "stiffness": None if factors is None else factor_hash(factors),
-        "rig": None if rig is None else rig_hash(rig),
-    }
-
-
-def rig_hash(arrays: dict) -> str:
-    """A number for the rig that a model has: SHA-256, hexadecimal."""
-    found = hashlib.sha256()
-    for name in sorted(arrays):
-        values = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {values.dtype.str} {values.shape}".encode())
-        found.update(values.tobytes())
-    return found.hexdigest()
+    """What a session's start says of its model's stiffnesses and rig: SHA-256, hexadecimal."""
+    told: dict[str, str | None] = dict.fromkeys(("stiffness", "rig"))
+    if field.stiffness is not None:
+        told["stiffness"] = hashlib.sha256(np.asarray(field.stiffness, "<f4")).hexdigest()
+    if field.rig_arrays is not None:
+        found = hashlib.sha256()
+        for name in sorted(field.rig_arrays):
+            values = np.ascontiguousarray(field.rig_arrays[name])
+            found.update(f"{name} {values.dtype.str} {values.shape}".encode())
+            found.update(values.tobytes())
+        told["rig"] = found.hexdigest()
+    return told
 
 
 def start_of(begun: Beginning) -> dict:
