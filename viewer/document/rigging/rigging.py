@@ -212,10 +212,10 @@ class Rigging(Edited):
 
     def clip(self, name: str):
         """The clip of that name; a ValueError without one."""
-        found = [one for one in self.clips if one.name == name]
-        if not found:
-            raise ValueError(f"there is no clip {name!r}")
-        return found[0]
+        for one in self.clips:
+            if one.name == name:
+                return one
+        raise ValueError(f"there is no clip {name!r}")
 
     @edit("save_clip", undo="save the clip {clip}")
     def save_clip(self, clip: str) -> None:
