@@ -293,15 +293,14 @@ class Timeline(Edited):
         driven = by_physics and self.bones_at(self.head) is None  # not the way of bones
         if self._waits:
             return False
-        with self.journal.unrecorded(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of materials: the panel says what is held
+        with self.journal.unrecorded(), warnings.catch_warnings(action="ignore"):
+            # Of materials: the panel says what is held.
             return self._advance(driven)
 
     def skip(self, ticks: int) -> None:
         """Show what the keys say so many ticks later, for estimates: no physics moves the rest."""
         self.head += ticks
-        with self.journal.unrecorded(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with self.journal.unrecorded(), warnings.catch_warnings(action="ignore"):
             if self.head >= self.end:
                 self.head = self.head % self.end if self.loop else self.end
             self._show()
