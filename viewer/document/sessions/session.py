@@ -162,7 +162,6 @@ def session_text(opened: OpenObject, start: dict, model_file: str | None) -> tup
     Raises:
         SessionError: It is longer than those that can be read.
     """
-    _check_length(opened.journal)
     mesh = opened.field.mesh
     header = {
         KEY: VERSION,
@@ -174,10 +173,9 @@ def session_text(opened: OpenObject, start: dict, model_file: str | None) -> tup
         "rest": mesh_hash(mesh),
         "device": str(opened.solver.device),
         "ticks": opened.journal.tick,
-        "start": _kept_start(start, mesh.vertex_count, left_out := []),
+        "start": _kept("start", start, mesh.vertex_count, left_out := []) or {},
     }
-    text = _line_of(header) + _event_lines(opened.journal.events, mesh.vertex_count, left_out)
-    return text, left_out
+    return _line_of(header) + _event_lines(opened, 0, left_out), left_out
 
 
 def name_of_model(source: Path | None, session: Path) -> str | None:
@@ -200,24 +198,10 @@ def append_events(
         SessionError: The session is longer than those that can be read.
         OSError: The file can't be written.
     """
-    _check_length(opened.journal)
-    events = opened.journal.events[written:]
-    text = _event_lines(events, opened.field.mesh.vertex_count, left_out := [])
+    text = _event_lines(opened, written, left_out := [])
     with open(path, "a", encoding="utf-8") as file:
         file.write(text)
     tell_left_out(left_out, tell)
-
-
-def _check_length(journal):
-    count, most = len(journal.events), MOST_EVENTS - 1  # the header is a line, too
-    if count > most or journal.tick > LONGEST:
-        raise SessionError(
-            f"the session is too long for a file: {count:,} events in {journal.tick:,} ticks, and "
-            f"{most:,} in {LONGEST:,} are the most; open the model again to begin another one"
-        )
-
-
-# What no reader would take is left out, and told: it never keeps the rest from being written.
 
 
 def _line_of(entry) -> str:
@@ -225,18 +209,24 @@ def _line_of(entry) -> str:
     return json.dumps(entry, separators=(", ", ": "), allow_nan=False) + "\n"
 
 
-def _event_lines(events, vertex_count: int, left_out: list[str]) -> str:
-    """The lines of a journal's events; what they can't have is added to `left_out`."""
+def _event_lines(opened: OpenObject, first: int, left_out: list[str]) -> str:
+    """The lines of its events from the first one on; what they can't have goes to `left_out`.
+
+    What no reader would take never keeps the rest from being written.
+    """
+    journal, most = opened.journal, MOST_EVENTS - 1  # the header is a line, too
+    count = len(journal.events)
+    if count > most or journal.tick > LONGEST:
+        raise SessionError(
+            f"the session is too long for a file: {count:,} events in {journal.tick:,} ticks, and "
+            f"{most:,} in {LONGEST:,} are the most; open the model again to begin another one"
+        )
+    vertex_count = opened.field.mesh.vertex_count
     return "".join(
         _line_of([event.tick, event.name, kept])
-        for event in events
+        for event in journal.events[first:]
         if (kept := _kept(event.name, event.arguments, vertex_count, left_out)) is not None
     )
-
-
-def _kept_start(start: dict, vertex_count: int, left_out: list[str]) -> dict:
-    """What a session begins with, as far as it can be written; the rest is the model's own."""
-    return _kept("start", start, vertex_count, left_out) or {}
 
 
 def tell_left_out(left_out: list[str], tell: Callable) -> None:
