@@ -109,10 +109,11 @@ class Rigging(Edited):
         bone = LOOSE if self.selected is None else self.selected[0]
         return bone if 0 <= bone < self.bone_count else None
 
-    def check(self, bone: int) -> None:
-        """Raise a ValueError if there is no such bone."""
-        if not 0 <= bone < self.bone_count:
-            raise ValueError(f"there is no bone {bone}")
+    def check(self, *bones: int) -> None:
+        """Raise a ValueError if there are no such bones."""
+        for bone in bones:
+            if not 0 <= bone < self.bone_count:
+                raise ValueError(f"there is no bone {bone}")
 
     # -- weights -------------------------------------------------------------------------
 
