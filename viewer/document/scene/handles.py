@@ -259,8 +259,8 @@ class Handles(Edited):
     @property
     def takeable(self) -> list[int]:
         """What is selected and can be taken by `grab_selected`: pins, too."""
-        takeable, hidden = set(self.control_ids.tolist()), set(self.hidden)
-        takeable |= {one for one in self.selected if self.is_pinned(one) and one not in hidden}
+        pins = (one for one in self.selected if one not in self.hidden and self.is_pinned(one))
+        takeable = {*self.movable, *pins}
         return [one for one in self.selected if one in takeable]
 
     # -- a drag --------------------------------------------------------------------------
