@@ -38,17 +38,17 @@ class Player:
         self.scene, self.session = scene, session
         self._made = 0  # events
         with self._told():
-            self._begin(start_of(scene) | session.header["start"])
+            self._begin(start_of(scene))
 
-    def _begin(self, start):
-        scene = self.scene
-        if start["stiffness"] != start_of(scene)["stiffness"]:
+    def _begin(self, own):
+        scene, start = self.scene, own | self.session.header["start"]
+        if start.pop("stiffness") != own.pop("stiffness"):
             raise SessionError("the session is of a copy of this model with other stiffnesses")
-        if start["rig"] != start_of(scene)["rig"]:
+        if start.pop("rig") != own.pop("rig"):
             raise SessionError("the session is of a copy of this model with another rig")
-        scene.settings.hand = start["hand"]  # else a `choose_hand` might be a step, or none
-        if start != start_of(scene):
-            del start["stiffness"], start["rig"], start["hand"]
+        scene.settings.hand = start.pop("hand")  # else a `choose_hand` might be a step, or none
+        del own["hand"]
+        if start != own:
             scene.floor = start.pop("floor")
             scene.handles.points = ControlPoints.of_rows(start.pop("points"))
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
