@@ -95,10 +95,10 @@ class Autosave:
         self.kept = self._opened.journal.unsaved
         if not self.kept:
             return []
-        sentences = self.write()
-        if not self.failed:
-            sentences.append("what you did before is kept, and offered at another start")
-        return sentences
+        good, told = self._tried(self.save)
+        if good:
+            told.append("what you did before is kept, and offered at another start")
+        return told
 
     def leave(self) -> list[str]:
         """The viewer ends, or shows another session: keep this one, or remove its file."""
