@@ -3,7 +3,7 @@ from .sessions.session import (
     SessionError as SessionError,
     load_session as load_session,
 )
-from .sessions.replay import poses as poses
+from .sessions.player import poses as poses
 
 # For the rest of the viewer, and the commands.
 from .scene.scene import Scene as Scene

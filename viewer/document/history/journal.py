@@ -92,9 +92,7 @@ def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
             if journal is None or journal.inside:
                 return method(self, *arguments, **named)
             bound = signature.bind(self, *arguments, **named)
-            bound.apply_defaults()
-            values = {key: bound.arguments[key] for key in names}
-            values |= next((bound.arguments[p.name] for p in own if p.kind is p.VAR_KEYWORD), {})
+            values = dict(zip(names, bound.args[1:], strict=True)) | bound.kwargs
             values = {key: _plain(value) for key, value in values.items()}
             for key, value in values.items():
                 if not (_is_finite(value) or (key in MAY_BE_INFINITE and value == math.inf)):
@@ -112,10 +110,8 @@ def edit(name: str, undo: str = "", merges: bool = False, begins: bool = False):
 
 def _plain(value):
     """A value as JSON has it; floats keep all their digits."""
-    if isinstance(value, np.ndarray):
-        return (value.astype(float) if value.dtype.kind == "f" else value).tolist()
-    if isinstance(value, np.generic):
-        return value.item()
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
     if isinstance(value, dict):
         return {name: _plain(one) for name, one in value.items()}
     return [_plain(one) for one in value] if isinstance(value, list | tuple) else value
@@ -156,12 +152,16 @@ class Journal:
 
     def __init__(self, states):
         """Take the scene's States."""
+        self.inside = False  # an edit: what it calls belongs to it
+        self._states = states
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all edits, and what could be undone."""
         self.tick = 0  # that have passed
         self.events: list[Event] = []
-        self.inside = False  # an edit: what it calls belongs to it
         self.steps: list[Step] = []
         self.cursor = 0  # steps before it can be undone, the others done again
-        self._states = states
         self._view = {}  # that was noted last
         self.noted = None, None  # the camera and what else was shown then
         self._oldest: Step | None = None  # the last one that was forgotten, before all steps
@@ -189,14 +189,6 @@ class Journal:
             yield
         finally:
             self.inside = before
-
-    def clear(self) -> None:
-        """Forget all edits, and what could be undone."""
-        self.events.clear()
-        self.steps.clear()
-        self.cursor = self.tick = 0
-        self._view, self.noted = {}, (None, None)
-        self._oldest = self._saved = None
 
     def note(self, name: str, **arguments) -> None:
         """Record what is no edit: a view, for the film."""

@@ -42,8 +42,7 @@ class Hold:
         self._send()
 
     def release(self) -> None:
-        self.hand, self._springs, self._hand_targets = NOBODY, (), None
-        self._give()
+        self.grab(NOBODY)
 
     def hold_bones(self, ids, targets) -> None:
         """Bones hold these vertices [K], and send them to these places.  [K, 3]"""
@@ -65,22 +64,18 @@ class Hold:
         return ~np.isin(self.hand, self.bones)
 
     def _give(self):
-        if not len(self.bones):
+        if len(self.bones):
+            self._body.solver.grab(np.concatenate([self.hand[self._free], self.bones]))
+        else:
             self._body.solver.grab(self.hand, *self._springs)
-            if self._hand_targets is not None:
-                self._body.solver.move(self._hand_targets)
-            return
-        self._body.solver.grab(np.concatenate([self.hand[self._free], self.bones]))
-        self._send()
+        if len(self.bones) or self._hand_targets is not None:
+            self._send()
 
     def _send(self):
-        if not len(self.bones):
-            self._body.solver.move(self._hand_targets)
-            return
-        if not len(self.hand):
-            self._body.solver.move(self._bone_targets)
-            return
-        targets = self._hand_targets
-        if targets is None:
-            targets = self._body.solver.vertices.numpy()[self.hand]
-        self._body.solver.move(np.concatenate([targets[self._free], self._bone_targets]))
+        solver, targets = self._body.solver, self._hand_targets
+        if len(self.bones) and len(self.hand):
+            places = solver.vertices.numpy()[self.hand] if targets is None else targets
+            targets = np.concatenate([places[self._free], self._bone_targets])
+        elif len(self.bones):
+            targets = self._bone_targets
+        solver.move(targets)

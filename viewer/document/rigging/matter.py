@@ -76,15 +76,12 @@ class Matter:
 
 
 def _widened(mask):
-    """A mask of voxels and of those that share a face with them."""
-    wider = mask.copy()
-    for axis in range(3):
-        ahead = [slice(None)] * 3
-        behind = [slice(None)] * 3
-        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-        wider[tuple(ahead)] |= mask[tuple(behind)]
-        wider[tuple(behind)] |= mask[tuple(ahead)]
-    return wider
+    """A mask of voxels and of those that share a face with them.
+
+    What goes out at one side of the grid comes in at the other, which is alike: the border is
+    all empty, and all outside.
+    """
+    return mask | np.any([np.roll(mask, by, axis) for axis in range(3) for by in (-1, 1)], axis=0)
 
 
 def _reached(free):

@@ -149,8 +149,7 @@ class Posing(Edited):
 
     def _set(self, bones, name, values):
         """Give bones [K] these rows of an array of the pose, if they move the object."""
-        for bone in bones:
-            self._rigging.check(bone)
+        self._rigging.check(*bones)
         if len(bones) != len(values):
             raise ValueError(f"{len(bones)} bones have {len(values)} {name}")
         if self.drives:
@@ -161,8 +160,7 @@ class Posing(Edited):
     @edit("rest_bones", undo="bones at rest")
     def rest_bones(self, bones) -> None:
         """Bring these bones [K] to rest, relative to their parents."""
-        for bone in bones:
-            self._rigging.check(bone)
+        self._rigging.check(*bones)
         if self._rigging.skeleton is None:
             raise ValueError("there are no bones")
         rest, now, arrays = self._rigging.skeleton.rest_pose, self.current, {}

@@ -109,10 +109,11 @@ class Rigging(Edited):
         bone = LOOSE if self.selected is None else self.selected[0]
         return bone if 0 <= bone < self.bone_count else None
 
-    def check(self, bone: int) -> None:
-        """Raise a ValueError if there is no such bone."""
-        if not 0 <= bone < self.bone_count:
-            raise ValueError(f"there is no bone {bone}")
+    def check(self, *bones: int) -> None:
+        """Raise a ValueError if there are no such bones."""
+        for bone in bones:
+            if not 0 <= bone < self.bone_count:
+                raise ValueError(f"there is no bone {bone}")
 
     # -- weights -------------------------------------------------------------------------
 
@@ -212,10 +213,10 @@ class Rigging(Edited):
 
     def clip(self, name: str):
         """The clip of that name; a ValueError without one."""
-        found = [one for one in self.clips if one.name == name]
-        if not found:
-            raise ValueError(f"there is no clip {name!r}")
-        return found[0]
+        for one in self.clips:
+            if one.name == name:
+                return one
+        raise ValueError(f"there is no clip {name!r}")
 
     @edit("save_clip", undo="save the clip {clip}")
     def save_clip(self, clip: str) -> None:

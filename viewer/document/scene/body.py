@@ -57,7 +57,7 @@ class Body(Edited):
         self.factors = factors
         if factors is not None:
             self.solver.set_stiffness(factors)
-        self._answers, self._adapted = Kept(), Kept()  # the solver's, by the questions' names
+        self._answers = Kept()  # the solver's, by the questions' names
         self._rest_shapes = ()  # those before the present one
         self.automatic_substeps = True
         self.adapt_substeps()
@@ -83,8 +83,7 @@ class Body(Edited):
 
     @edit("set_material", undo="{names}", merges=True)
     def set_material(self, **changes) -> None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the panel says what is held
+        with warnings.catch_warnings(action="ignore"):  # the panel says what is held
             self.material = replace(self.material, **changes)
             self.solver.set_material(self._scaled())
 
@@ -128,12 +127,9 @@ class Body(Edited):
 
     def adapt_substeps(self) -> None:
         """Before time passes: take as many substeps as hold the material, if that is automatic."""
-        if self.automatic_substeps:
-            self._adapted.of(self._told_of, self._adapt)
-
-    def _adapt(self):
-        if self.substeps_that_hold != self.solver.options.substep_count:
-            self._adapt_substeps(self.substeps_that_hold)
+        count = self.substeps_that_hold if self.automatic_substeps else None
+        if count not in (None, self.solver.options.substep_count):
+            self._adapt_substeps(count)
 
     @edit("adapt_substeps")
     def _adapt_substeps(self, substep_count):
@@ -164,8 +160,7 @@ class Body(Edited):
         """
         old = self.solver
         arguments = self._scaled(), old.pinned, old.options, str(old.device)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             new = XpbdSolver(old.rest_vertices, tets, *arguments)
             new.set_stiffness(self.factors)
         if not np.array_equal(new.rest_shape, old.rest_shape):
@@ -240,8 +235,7 @@ class Body(Edited):
         if not np.array_equal(solver.rest_shape, state["rest_shape"]):
             solver.set_rest_shape(state["rest_shape"])
         solver.set_options(replace(state["options"], colliders=()))  # the ball is gone by now
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             solver.set_stiffness(self.factors)
             solver.set_material(self._scaled())
 

@@ -81,9 +81,8 @@ class Clock(Edited):
     def waits(self) -> bool:
         """Whether a step would wait seconds for what it needs, which a thread works out."""
         timed = self._timed
-        if timed.solver.ready or timed.timeline.playing or timed.posing.playing:
-            return False
-        if not self._goes_on:
+        playing = timed.timeline.playing or timed.posing.playing
+        if timed.solver.ready or playing or not self._goes_on:
             return False
         timed.solver.edges.sheet_ratios.begin()
         return True

@@ -107,8 +107,7 @@ class Cuts(Edited):
         """The height of the lowest matter that is left, at rest; the object's floor if all is."""
         if not self.removed.any():
             return self._whole.floor
-        places = self._matter_middles()
-        return max(float(places[:, 2].min()), self._whole.floor)
+        return max(float(self._matter_middles()[:, 2].min()), self._whole.floor)
 
     def points_left(self):
         """Which control points are at matter that is left.  [C] bool"""

@@ -259,8 +259,8 @@ class Handles(Edited):
     @property
     def takeable(self) -> list[int]:
         """What is selected and can be taken by `grab_selected`: pins, too."""
-        takeable, hidden = set(self.control_ids.tolist()), set(self.hidden)
-        takeable |= {one for one in self.selected if self.is_pinned(one) and one not in hidden}
+        pins = (one for one in self.selected if one not in self.hidden and self.is_pinned(one))
+        takeable = {*self.movable, *pins}
         return [one for one in self.selected if one in takeable]
 
     # -- a drag --------------------------------------------------------------------------
@@ -314,22 +314,24 @@ class Handles(Edited):
         stood = self._whole.timeline.stands
         self._whole.timeline.give_way()
         solver = self._whole.solver
-        positions = solver.vertices.numpy().copy()
-        before = positions, solver.velocities.numpy().copy()
-        held_before = None
+        positions, velocities = solver.vertices.numpy().copy(), solver.velocities.numpy().copy()
         posed = set(handles) & set(self.posed)
         pins = {one for one in handles if takes_pins and self.is_pinned(one)} - posed
+        held_before = (solver.pinned, self.patches) if posed | pins else None
         if posed | pins:
-            held_before = solver.pinned, self.patches
             self._free(posed | pins)
-        (start,) = self.at(handles[:1], positions)
+        places = self.at(handles, positions)
+        motion = Motion(places[0], places.mean(axis=0) - places[0])
         yields = math.isfinite(self._whole.body.material.yield_strain)
-        lengths = solver.rest_lengths if yields else None
-        center = self.at(handles, positions).mean(axis=0)
-        motion = Motion(start, center - start)
-        self.grabbed = Grab(handles, soft, start, motion, motion, before, lengths, stood)
-        self.grabbed.first_radius, self.grabbed.held_before = radius, held_before
-        self.grabbed.pins = sorted(pins)
+        self.grabbed = Grab(
+            *(handles, soft, places[0], motion, motion),
+            before=(positions, velocities),
+            rest_lengths=solver.rest_lengths if yields else None,
+            stood=stood,
+            first_radius=radius,
+            held_before=held_before,
+            pins=sorted(pins),
+        )
         self._attach(radius, positions)
 
     def _attach(self, radius, positions):
@@ -337,12 +339,11 @@ class Handles(Edited):
         grab, solver = self.grabbed, self._whole.solver
         ids = np.unique(np.concatenate([self.patch(one, radius) for one in grab.handles]))
         ids = ids[~solver.pinned[ids]]
+        springs = ()
         if grab.soft:
             rest = self._whole.field.mesh.rest_vertices
             ids, springs = soft_springs(solver, self.at(grab.handles, rest), ids, radius)
-            self._whole.grip.grab(ids, *springs)
-        else:
-            self._whole.grip.grab(ids)
+        self._whole.grip.grab(ids, *springs)
         grab.ids, grab.radius = ids, radius
         grab.offsets = grab.reached.undone(positions[ids])
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....core.geometry import components
+
 MOST_POINTS = 100  # that are placed at the start
 SPACING = 0.12  # of the object's size, between two of them
 SPECK = 0.02  # of the surface's points: what is apart from the others and smaller is no object
@@ -112,14 +114,7 @@ def of_large_clusters(points, radius: float):
     """
     points = np.asarray(points, float)
     near = np.concatenate([some < radius**2 for some in squared_distances(points, points)])
-    clusters = np.zeros(len(points), int)  # 0: not yet known
-    while not clusters.all():
-        cluster = np.zeros(len(points), bool)
-        edge = np.array([int(clusters.argmin())])
-        while len(edge):
-            cluster[edge] = True
-            edge = np.flatnonzero(near[edge].any(axis=0) & ~cluster)
-        clusters[cluster] = clusters.max() + 1
+    clusters = components(len(points), np.argwhere(near))
     sizes = np.bincount(clusters)[clusters]
     if sizes.max() < SPARSE * len(points):  # the points are too few to tell
         return np.ones(len(points), bool)

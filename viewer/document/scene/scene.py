@@ -83,9 +83,8 @@ class Scene:
         self._host = None  # the same on the host, once they are wanted  [V, 3]
         self.viewpoint = Viewpoint(self)
         self.timeline, self.clock = Timeline(self), Clock(self)
-        parts = self.body, self.cuts, self.handles, self.viewpoint, self.timeline, self.clock
-        parts = *parts, self.rigging, self.posing
-        self.parts: dict[str, Edited] = {type(one).__name__.lower(): one for one in parts}
+        every = self.__dict__.items()
+        self.parts = {name: one for name, one in every if isinstance(one, Edited)}
         self.states = States(self)
         self.journal = Journal(self.states)
         for one in self.parts.values():

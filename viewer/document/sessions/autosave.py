@@ -47,17 +47,9 @@ class Autosave:
         now = self._clock()
         if now < self._next:
             return ""
-        self._next = now + SECONDS
-        try:
-            if self._has_news():
-                self.save()
-            elif self.path.exists():
-                os.utime(self.path)
-        except (OSError, ValueError) as error:
-            self._next = now + RETRY
-            return self._failure(error)
-        self._next += (self._clock() - now) / SHARE
-        return "; ".join(self._lacks())
+        good, told = self._tried(self.save if self._has_news() else self._touch)
+        self._next = now + (SECONDS + (self._clock() - now) / SHARE if good else RETRY)
+        return "; ".join(told)
 
     def save(self) -> None:
         """Write the file now.
@@ -78,15 +70,21 @@ class Autosave:
 
     def write(self) -> list[str]:
         """Write the file now; returns a sentence if that fails, or if the file lacks something."""
-        try:
-            self.save()
-        except (OSError, ValueError) as error:
-            return [self._failure(error)]
-        return self._lacks()
+        return self._tried(self.save)[1]
 
-    def _lacks(self):
+    def _touch(self):
+        if self.path.exists():
+            os.utime(self.path)
+
+    def _tried(self, work):
+        """Whether the file could be written, and sentences about what it lacks, or why not."""
+        try:
+            work()
+        except (OSError, ValueError) as error:
+            self.failed = True
+            return False, [f"what you do can't be kept in {self.path.parent}: {error}"]
         told, self._told = self._told, []
-        return told
+        return True, told
 
     def keep(self) -> list[str]:
         """Before another session takes the place of this one: keep it, if it has unsaved work.
@@ -97,10 +95,10 @@ class Autosave:
         self.kept = self._opened.journal.unsaved
         if not self.kept:
             return []
-        sentences = self.write()
-        if not self.failed:
-            sentences.append("what you did before is kept, and offered at another start")
-        return sentences
+        good, told = self._tried(self.save)
+        if good:
+            told.append("what you did before is kept, and offered at another start")
+        return told
 
     def leave(self) -> list[str]:
         """The viewer ends, or shows another session: keep this one, or remove its file."""
@@ -108,10 +106,6 @@ class Autosave:
         if not self.kept:
             self.end()
         return sentences
-
-    def _failure(self, error):
-        self.failed = True
-        return f"what you do can't be kept in {self.path.parent}: {error}"
 
     def _has_news(self):
         """Whether something was done since, but for views."""

@@ -8,15 +8,19 @@ import logging
 import math
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
+from ....core.base.device import start_warp
+from ....core.field import TetField
 from ...camera import changed
 from ..history.journal import EDITS
 from ..scene.points import ControlPoints
 from ..scene.scene import Scene
-from .session import Session, SessionError, start_of
+from .session import Session, SessionError, load_session, start_of
 from .session_values import OPTIONS, ORBIT
 
 BATCH_SECONDS = 0.05  # of playing, between two looks at the clock or for events
@@ -34,17 +38,17 @@ class Player:
         self.scene, self.session = scene, session
         self._made = 0  # events
         with self._told():
-            self._begin(start_of(scene) | session.header["start"])
+            self._begin(start_of(scene))
 
-    def _begin(self, start):
-        scene = self.scene
-        if start["stiffness"] != start_of(scene)["stiffness"]:
+    def _begin(self, own):
+        scene, start = self.scene, own | self.session.header["start"]
+        if start.pop("stiffness") != own.pop("stiffness"):
             raise SessionError("the session is of a copy of this model with other stiffnesses")
-        if start["rig"] != start_of(scene)["rig"]:
+        if start.pop("rig") != own.pop("rig"):
             raise SessionError("the session is of a copy of this model with another rig")
-        scene.settings.hand = start["hand"]  # else a `choose_hand` might be a step, or none
-        if start != start_of(scene):
-            del start["stiffness"], start["rig"], start["hand"]
+        scene.settings.hand = start.pop("hand")  # else a `choose_hand` might be a step, or none
+        del own["hand"]
+        if start != own:
             scene.floor = start.pop("floor")
             scene.handles.points = ControlPoints.of_rows(start.pop("points"))
             scene.pins = np.isin(np.arange(len(scene.pins)), start.pop("pins"))
@@ -222,6 +226,38 @@ def play_patiently(player: Player, tick: int) -> None:
     patience = Patience("playing the session", tick - begin)
     for now in player.batches(tick):
         patience.heed(now - begin)
+
+
+def poses(
+    path: str | Path, field: TetField, every: int = 1, device: str = "cpu"
+) -> Iterator[np.ndarray]:
+    """Play a session of a model, and yield its vertices at tick 0, `every`, 2 `every` ...
+
+    What the user deleted is not in it: the vertices are those of the whole model.
+
+    Args:
+        field: The model as it was when the session began.
+        every: Ticks of 1/60 s from one pose to the next.
+        device: Warp's name; a session played on another device than it was recorded on ends
+            in another pose, though in a similar one.
+
+    Yields:
+        [V, 3] float32, model space.
+
+    Raises:
+        ValueError: `every` is less than 1.
+        SessionError: The file is no session, is damaged, or is one of another mesh.
+        OSError: It can't be read.
+    """
+    if every < 1:
+        raise ValueError(f"every is {every}; give the ticks from pose to pose, at least 1")
+    start_warp()
+    session = load_session(Path(path), field)
+    scene = Scene(field, Path(path).stem, device)
+    player = Player(scene, session)
+    for tick in range(0, session.ticks + 1, every):
+        player.play_to(tick)
+        yield scene.positions.copy()
 
 
 def _infinite(material):

@@ -41,8 +41,8 @@ from .session import (
     name_of_model,
     session_of,
     session_text,
+    tell_left_out,
 )
-from .session_lines import tell_left_out
 from .session_values import camera
 
 KEY, VERSION = "deformrf project", 1

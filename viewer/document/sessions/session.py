@@ -17,6 +17,7 @@ Nothing in a file is trusted: names, kinds and ranges are checked before anythin
 import hashlib
 import json
 import logging
+import math
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -33,11 +34,10 @@ from ....core.base.streams import printable, shown
 from ....core.deform import FIRST_INTEGRATOR, XpbdSolver
 from ....core.field import TetField
 from ...settings import HANDS, Settings
-from ..history.journal import EDITS, Event, Journal
+from ..history.journal import EDITS, MAY_BE_INFINITE, Event, Journal
 from ..scene import scene  # noqa: F401  its methods and those of its objects are the edits
 from ..scene.body import Body
 from ..scene.points import ControlPoints
-from .session_lines import event_lines, finite, kept_start, line_of, tell_left_out
 from .session_values import bad_arguments
 
 log = logging.getLogger(__name__)
@@ -47,6 +47,7 @@ LARGEST_FILE = 512 * 2**20  # bytes
 LONGEST = 24 * 3600 * 60  # ticks: a day
 is_tick = integer(0, LONGEST)
 MOST_EVENTS = 2_000_000
+MOST_TOLD = 3  # of what is left out, by name
 LONGEST_LINE = 32 * 2**20  # bytes; an edit that deletes all of a million tets has as many
 
 
@@ -103,28 +104,19 @@ def mesh_hash(mesh) -> str:
     return hashlib.sha256(b"".join(one.tobytes() for one in arrays)).hexdigest()
 
 
-def factor_hash(factors) -> str:
-    """A number for the stiffnesses that a model has: SHA-256, hexadecimal."""
-    return hashlib.sha256(np.asarray(factors, "<f4").tobytes()).hexdigest()
-
-
 def hashes_of(field: TetField) -> dict[str, str | None]:
-    """What a session's start says of its model's stiffnesses and rig."""
-    factors, rig = field.stiffness, field.rig_arrays
-    return {
-        "stiffness": None if factors is None else factor_hash(factors),
-        "rig": None if rig is None else rig_hash(rig),
-    }
-
-
-def rig_hash(arrays: dict) -> str:
-    """A number for the rig that a model has: SHA-256, hexadecimal."""
-    found = hashlib.sha256()
-    for name in sorted(arrays):
-        values = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {values.dtype.str} {values.shape}".encode())
-        found.update(values.tobytes())
-    return found.hexdigest()
+    """What a session's start says of its model's stiffnesses and rig: SHA-256, hexadecimal."""
+    told: dict[str, str | None] = dict.fromkeys(("stiffness", "rig"))
+    if field.stiffness is not None:
+        told["stiffness"] = hashlib.sha256(np.asarray(field.stiffness, "<f4")).hexdigest()
+    if field.rig_arrays is not None:
+        found = hashlib.sha256()
+        for name in sorted(field.rig_arrays):
+            values = np.ascontiguousarray(field.rig_arrays[name])
+            found.update(f"{name} {values.dtype.str} {values.shape}".encode())
+            found.update(values.tobytes())
+        told["rig"] = found.hexdigest()
+    return told
 
 
 def start_of(begun: Beginning) -> dict:
@@ -170,7 +162,6 @@ def session_text(opened: OpenObject, start: dict, model_file: str | None) -> tup
     Raises:
         SessionError: It is longer than those that can be read.
     """
-    _check_length(opened.journal)
     mesh = opened.field.mesh
     header = {
         KEY: VERSION,
@@ -182,10 +173,9 @@ def session_text(opened: OpenObject, start: dict, model_file: str | None) -> tup
         "rest": mesh_hash(mesh),
         "device": str(opened.solver.device),
         "ticks": opened.journal.tick,
-        "start": kept_start(start, mesh.vertex_count, left_out := []),
+        "start": _kept("start", start, mesh.vertex_count, left_out := []) or {},
     }
-    text = line_of(header) + event_lines(opened.journal.events, mesh.vertex_count, left_out)
-    return text, left_out
+    return _line_of(header) + _event_lines(opened, 0, left_out), left_out
 
 
 def name_of_model(source: Path | None, session: Path) -> str | None:
@@ -208,21 +198,66 @@ def append_events(
         SessionError: The session is longer than those that can be read.
         OSError: The file can't be written.
     """
-    _check_length(opened.journal)
-    events = opened.journal.events[written:]
-    text = event_lines(events, opened.field.mesh.vertex_count, left_out := [])
+    text = _event_lines(opened, written, left_out := [])
     with open(path, "a", encoding="utf-8") as file:
         file.write(text)
     tell_left_out(left_out, tell)
 
 
-def _check_length(journal):
-    count, most = len(journal.events), MOST_EVENTS - 1  # the header is a line, too
+def _line_of(entry) -> str:
+    """A header or an event as a line of JSON."""
+    return json.dumps(entry, separators=(", ", ": "), allow_nan=False) + "\n"
+
+
+def _event_lines(opened: OpenObject, first: int, left_out: list[str]) -> str:
+    """The lines of its events from the first one on; what they can't have goes to `left_out`.
+
+    What no reader would take never keeps the rest from being written.
+    """
+    journal, most = opened.journal, MOST_EVENTS - 1  # the header is a line, too
+    count = len(journal.events)
     if count > most or journal.tick > LONGEST:
         raise SessionError(
             f"the session is too long for a file: {count:,} events in {journal.tick:,} ticks, and "
             f"{most:,} in {LONGEST:,} are the most; open the model again to begin another one"
         )
+    vertex_count = opened.field.mesh.vertex_count
+    return "".join(
+        _line_of([event.tick, event.name, kept])
+        for event in journal.events[first:]
+        if (kept := _kept(event.name, event.arguments, vertex_count, left_out)) is not None
+    )
+
+
+def tell_left_out(left_out: list[str], tell: Callable) -> None:
+    """Say what was left out, if anything was."""
+    if left_out:
+        more = len(left_out) - MOST_TOLD
+        told = ", ".join(left_out[:MOST_TOLD]) + f" and {more} more" * (more > 0)
+        tell(f"no session can have {told}: left out, all the rest is kept")
+
+
+def _kept(name, arguments, vertex_count, left_out):
+    """The arguments that a reader takes; None if without the others there is no such edit."""
+    optional = name in ("start", "view")
+    if not optional and name not in EDITS:
+        left_out.append(shown(name))
+        return None
+    arguments = {key: finite(key, value) for key, value in arguments.items()}
+    bad = bad_arguments(name, arguments, vertex_count)
+    if not bad:
+        return arguments
+    left_out += [f"{name} {key} = {shown(arguments[key])}" for key in bad]
+    kept = {key: value for key, value in arguments.items() if key not in bad}
+    return kept if kept and (optional or EDITS[name].any_names) else None
+
+
+def finite(key: str, value):
+    """JSON has no infinity; what may be infinite is then None."""
+    return None if key in MAY_BE_INFINITE and value == math.inf else value
+
+
+# -- reading -------------------------------------------------------------------------------------
 
 
 def load_session(path: str | Path, field: TetField, whole: bool = True) -> Session:

@@ -3,85 +3,45 @@
 Shapes: V vertices, K that are moved.
 """
 
-from dataclasses import dataclass
-from typing import Protocol
-
 import numpy as np
 
 from ....core.deform import XpbdSolver
 from . import keys as k
 
 
-@dataclass
 class Drive:
-    """What is moved from one pose key to the next."""
+    """What is moved from one pose key to the next.
 
-    first: k.PoseKey
-    second: k.PoseKey
-    ids: np.ndarray  # [K]
-    pins: np.ndarray  # those of them that are pinned otherwise  [V] bool
+    Attributes:
+        way: The two keys.
+        pins: Those that are moved, and so aren't the solver's.  [V] bool
+    """
 
-
-class Gripped(Protocol):
-    """What a hand holds."""
-
-    hand: np.ndarray  # ids
-
-
-class Driven(Protocol):
-    """What physics moves between two poses."""
-
-    solver: XpbdSolver
-    grip: Gripped
-
-
-class Driver:
-    """What of one object is moved; nothing, until `move`."""
-
-    def __init__(self, driven: Driven):
-        self._driven = driven
-        self._drive: Drive | None = None
-
-    @property
-    def taken_pins(self):
-        """Pins that are moved, and so aren't the solver's.  [V] bool"""
-        none = np.zeros(len(self._driven.solver.pinned), bool)
-        return none if self._drive is None else self._drive.pins
-
-    def move(self, keys, tick: int) -> None:
-        """Send what the keys around a tick hold to where it is at the next tick."""
-        first, second, _ = k.around(keys, tick)
-        drive = self._drive
-        if drive is None or drive.first is not first or drive.second is not second:
-            drive = self._drive = self._begin(first, second)
-        places = k.vertices_at((first, second), tick + 1)[drive.ids]
-        self._driven.solver.move(places.astype(float))
-
-    def _begin(self, first, second):
+    def __init__(self, solver: XpbdSolver, way: tuple[k.PoseKey, k.PoseKey]):
+        """Take hold of what these keys hold."""
+        first, second = self.way = way
         moves = (first.vertices != second.vertices).any(axis=1)
         driven = (first.held | second.held) & (moves | ~first.pinned)
-        ids = np.flatnonzero(driven)
-        self.set_pins(first.pinned & ~driven)
-        self._driven.solver.grab(ids)
-        return Drive(first, second, ids, driven & first.pinned)
+        self.pins = driven & first.pinned
+        self._solver, self._ids = solver, np.flatnonzero(driven)  # [K]
+        set_pins(solver, first.pinned & ~driven)
+        solver.grab(self._ids)
 
-    def breaks(self, keys) -> bool:
-        """Whether what is moved is not where the first key has it, after the last one."""
-        first, last, held = keys[0], keys[-1], self._drive
-        return not np.array_equal(first.vertices[held.ids], last.vertices[held.ids])
+    def move(self, tick: int) -> None:
+        """Send what is moved to where it is at a tick."""
+        self._solver.move(k.vertices_at(self.way, tick)[self._ids].astype(float))
 
-    def end(self, head: int) -> None:
-        """Give back what is moved; what is pinned stays where it has come to."""
-        solver, drive = self._driven.solver, self._drive
-        if drive is None:
-            return
-        arrived = head >= drive.second.tick
-        pins = drive.second.pinned if arrived else solver.pinned | drive.pins
-        self._drive = None
-        if not len(self._driven.grip.hand):
-            solver.release()
-        self.set_pins(pins)
+    def differs(self, first: k.PoseKey, last: k.PoseKey) -> bool:
+        """Whether two keys have what is moved at other places."""
+        return not np.array_equal(first.vertices[self._ids], last.vertices[self._ids])
 
-    def set_pins(self, pinned) -> None:
-        if not np.array_equal(pinned, self._driven.solver.pinned):
-            self._driven.solver.set_pinned(pinned)
+    def pins_after(self, head: int):
+        """What is pinned without it: it stays where it has come to by that tick.  [V] bool"""
+        second = self.way[1]
+        return second.pinned if head >= second.tick else self._solver.pinned | self.pins
+
+
+def set_pins(solver: XpbdSolver, pinned) -> None:
+    """Pin these vertices [V] bool alone, if others are pinned."""
+    if not np.array_equal(pinned, solver.pinned):
+        solver.set_pinned(pinned)

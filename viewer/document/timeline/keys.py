@@ -135,10 +135,7 @@ def _numbers(keys):
 def _spline(times, values, ways, at, share):
     """The value between the keys `at` and `at` + 1."""
     lengths = np.diff(times)
-    slopes = [
-        (after - before) / length
-        for before, after, length in zip(values[:-1], values[1:], lengths, strict=True)
-    ]
+    slopes = [way / length for way, length in zip(np.diff(values, axis=0), lengths, strict=True)]
 
     def slope(index):  # at a key
         sides = [i for i in (index - 1, index) if 0 <= i < len(ways) and ways[i]]

@@ -12,13 +12,13 @@ from typing import Protocol
 
 import numpy as np
 
-from ....core.deform import Material
+from ....core.deform import Material, XpbdSolver
 from ....wings.rig import BonePose, Skeleton
 from ...camera import Orbit, changed, turned_to
 from ..history.journal import Edited, edit
 from ..history.undo import Pausable
 from . import keys as k
-from .driving import Driven, Driver
+from .driving import Drive, set_pins
 
 TRACKS = "camera", "pose"
 MOTIONS = "interpolation", "physics"
@@ -53,9 +53,17 @@ class PosedBones(Protocol):
     def end(self) -> None: ...
 
 
-class Keyed(Driven, Protocol):
+class Gripped(Protocol):
+    """What a hand holds."""
+
+    hand: np.ndarray  # ids
+
+
+class Keyed(Protocol):
     """What keys take up, and move."""
 
+    solver: XpbdSolver
+    grip: Gripped
     pinned: np.ndarray  # [V] bool
     clock: Pausable
     orbit: Orbit
@@ -86,7 +94,7 @@ class Timeline(Edited):
         self.head = 0
         self.playing = self.stands = False
         self._keyed = keyed
-        self._driver = Driver(keyed)
+        self._drive: Drive | None = None  # while physics moves what keys hold
 
     @property
     def end(self) -> int:
@@ -190,13 +198,9 @@ class Timeline(Edited):
             raise ValueError("there is no camera to turn")
         orbit = changed(Orbit(), orbit)
         step = max(round(ticks / TURN_KEYS), 1)  # a whole number, so that all are equally fast
-        turn = (
-            k.CameraKey(
-                n * step, turned_to(orbit, orbit.yaw + 2.0 * np.pi * n / TURN_KEYS), "linear"
-            )
-            for n in range(TURN_KEYS + 1)
-        )
-        self._set("camera", tuple(turn))
+        yaws = orbit.yaw + np.linspace(0.0, 2.0 * np.pi, TURN_KEYS + 1)
+        turn = ((n * step, turned_to(orbit, yaw)) for n, yaw in enumerate(yaws))
+        self._set("camera", tuple(k.CameraKey(*one, "linear") for one in turn))
         self.loop, self.head = True, 0
         self.play()
 
@@ -289,15 +293,14 @@ class Timeline(Edited):
         driven = by_physics and self.bones_at(self.head) is None  # not the way of bones
         if self._waits:
             return False
-        with self.journal.unrecorded(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of materials: the panel says what is held
+        with self.journal.unrecorded(), warnings.catch_warnings(action="ignore"):
+            # Of materials: the panel says what is held.
             return self._advance(driven)
 
     def skip(self, ticks: int) -> None:
         """Show what the keys say so many ticks later, for estimates: no physics moves the rest."""
         self.head += ticks
-        with self.journal.unrecorded(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with self.journal.unrecorded(), warnings.catch_warnings(action="ignore"):
             if self.head >= self.end:
                 self.head = self.head % self.end if self.loop else self.end
             self._show()
@@ -309,14 +312,31 @@ class Timeline(Edited):
         wraps = self.loop and self.head >= self.end
         if driven:
             self._take_material(before + 1)
-            self._driver.move(self.keys["pose"], before)
+            self._move(before)
         if wraps:
             self.head = 0
         self._show_camera()
         if not driven:
             return self._show_pose()
         # What is held can go on if it is where the beginning has it; else all begins anew.
-        return wraps and self._driver.breaks(self.keys["pose"]) and self._show_pose()
+        keys = self.keys["pose"]
+        return wraps and self._drive.differs(keys[0], keys[-1]) and self._show_pose()
+
+    def _move(self, tick):
+        """Send what the keys around a tick hold to where it is at the next one."""
+        way = k.around(self.keys["pose"], tick)[:2]
+        if self._drive is None or self._drive.way != way:
+            self._drive = Drive(self._keyed.solver, way)
+        self._drive.move(tick + 1)
+
+    def _end_drive(self):
+        """Give back what is moved."""
+        drive, self._drive = self._drive, None
+        if drive is not None:
+            pins = drive.pins_after(self.head)
+            if not len(self._keyed.grip.hand):
+                self._keyed.solver.release()
+            set_pins(self._keyed.solver, pins)
 
     def _show(self):
         self._show_camera()
@@ -333,14 +353,14 @@ class Timeline(Edited):
         keyed, keys = self._keyed, self.keys["pose"]
         if not keys:
             return False
-        self._driver.end(self.head)
+        self._end_drive()
         self._take_material(self.head)
         bones = self.bones_at(self.head)
         if bones is not None:
             return keyed.posing.show_pose(bones, at_once=not self.playing)
         keyed.posing.end()
         keyed.solver.stand(k.vertices_at(keys, self.head))
-        self._driver.set_pins(k.around(keys, self.head)[0].pinned)
+        set_pins(keyed.solver, k.around(keys, self.head)[0].pinned)
         return True
 
     def _take_material(self, tick):
@@ -351,7 +371,8 @@ class Timeline(Edited):
     @property
     def taken_pins(self):
         """Pins that are moved, and so aren't the solver's, while physics plays.  [V] bool"""
-        return self._driver.taken_pins
+        none = np.zeros(len(self._keyed.solver.pinned), bool)
+        return none if self._drive is None else self._drive.pins
 
     # -- bones ---------------------------------------------------------------------------
 
@@ -374,7 +395,7 @@ class Timeline(Edited):
     # -- the end of playing --------------------------------------------------------------
 
     def _end(self):
-        self._driver.end(self.head)
+        self._end_drive()
         moved, self.playing = self.moves_camera, False
         if moved:  # from here on, the views that are recorded say where the camera is
             self.journal.note_view(asdict(self._keyed.orbit))
