@@ -159,9 +159,10 @@ def toggle_box(settings, field, say):
     menu="View/What no photograph saw",
     on=has("show_photographed", True),
 )
-def toggle_photographed(settings, field, say):
+def toggle_photographed(settings, photographed, field, say):
     views = bool(field.meta.get("views"))
     settings.show_photographed = views and not settings.show_photographed
+    photographed.leave()
     if not views:
         say("this model does not say where its photographs were taken: train it again")
 

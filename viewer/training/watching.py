@@ -157,8 +157,7 @@ class Watcher:
         if self._scene is None:
             self._accumulates, scene.settings.accumulate = scene.settings.accumulate, False
             app.loaded_on = app.loaded_on or (self.job.device, "auto")
-            for sentence in [] if app.autosave is None else app.autosave.leave():
-                app.recorder.say(sentence)
+            app.end()
             app.autosave = None
         show(app, scene, snapshot.renderer, self._path)
         self._scene, self._home = scene, home
