@@ -48,11 +48,16 @@ class Input:
         last = last.removeprefix("-")
         return f"Export {last[0].lower()}{last[1:]}" if menu == EXPORT else last or self.help
 
+    @property
+    def is_checked(self) -> bool:
+        """Whether menus check it while it is on."""
+        return self.on is not None and not self.stop
+
     def __call__(self, window):
         return call(self.function, window)
 
     def is_on(self, window) -> bool:
-        """Whether a menu checks it."""
+        """Whether it is on now."""
         if isinstance(self.on, str):
             return bool(part(window, self.on))
         return self.on is not None and bool(call(self.on, window))
