@@ -202,7 +202,7 @@ class App:
     def _rest(self) -> bool:
         """Handle work between frames; returns whether a new frame is needed."""
         before = self.radiance.sample_count
-        if self._works:
+        if self.photographed.busy:
             self.photographed.work()
         elif self.radiance.settled:
             time.sleep(POLL_SECONDS)
@@ -213,7 +213,7 @@ class App:
 
     def _quiet(self, now) -> bool:
         """Whether the next frame would look like the last one."""
-        busy = self.controls.tool.busy or self._works
+        busy = self.controls.tool.busy or self.photographed.busy
         return (
             now - self._drawn_at < (BUSY_SECONDS if busy else REDRAW_SECONDS)
             and now - self.last_event > AWAKE_SECONDS
@@ -224,17 +224,6 @@ class App:
             and self.recorder.video is None
             and not self.takes.recording
         )
-
-    @property
-    def _works(self):
-        """Whether it is found out what photographs saw."""
-        return self.scene.settings.show_photographed and self.photographed.busy
-
-    def _wait(self):
-        """Say that thin parts are being fitted, and leave that most of the processor."""
-        if self.recorder.message != FITTING:
-            self.recorder.say(FITTING)
-        time.sleep(WAITING_SECONDS)
 
     # -- a frame -------------------------------------------------------------------------
 
@@ -248,7 +237,8 @@ class App:
         controls.per_point = size[0] / max(self.window.width, 1)
         controls.ratio = controls.per_point * (1.0 if self.gui is None else self.gui.scale)
         if not only_drags:  # else the panels stay where they are
-            controls.covered = controls.panels = self.covered()
+            covered = Covered() if self.panels is None else self.panels.covered()
+            controls.covered = controls.panels = covered
         if self.gui is not None and self.gui.mouse_on_panel and not controls.mode:
             controls.leave()
         if self.fly.on:
@@ -258,21 +248,25 @@ class App:
             photograph, places = call(placed_photograph, self)
         moved, tick = scene.clock.moving, scene.journal.tick
         if not whole and scene.clock.waits:  # time stands, and the window answers
-            self._wait()
+            if self.recorder.message != FITTING:
+                self.recorder.say(FITTING)
+            time.sleep(WAITING_SECONDS)
             moved = False
         else:
             with times.task("simulate"):
                 scene.clock.advance(seconds)
-                controls.end_if_there()
+                if controls.finishes:
+                    controls.end_if_there()
         if moved:
             times.passed(seconds, scene.journal.tick - tick)
-        camera = controls.camera
-        self.radiance.update(camera, whole or self._wants_transparent)
+        camera, transparent = controls.camera, scene.settings.transparent_screenshots
+        self.radiance.update(camera, whole or (transparent and self.recorder.wants_screenshot))
         with times.task("draw"):
             self.draw(camera)
             if photograph is not None:
                 self.photo_layer.draw(photograph, camera, places, scene.settings)
-                self._draw_marks(camera)  # strokes can be made on it, too
+                clips = clip_range(scene.viewpoint.orbit)
+                self._draw_marks(camera, clips)  # strokes can be made on it, too
         built = True
         if self.gui is not None:
             with times.task("panel"):
@@ -283,10 +277,12 @@ class App:
         if built:
             self._follow()
         times.end_frame()
-        if self.log.enabled:
-            self._log_state()
-        self.frame_count += 1
         self._drawn_at = time.perf_counter()
+        ready = self.frame_count == 0
+        if self.log.enabled and (ready or self._drawn_at - self._last_state >= STATE_SECONDS):
+            self._last_state = self._drawn_at
+            self.log("ready" if ready else "state", **state_of(self))
+        self.frame_count += 1
 
     def _follow(self):
         """Go on with what goes beside the object: films, training, questions, files, the title."""
@@ -298,10 +294,6 @@ class App:
         problem = "" if self.autosave is None else self.autosave.update()
         if problem:
             self.recorder.say(problem)
-        self._follow_camera()
-
-    def _follow_camera(self):
-        """Note where the camera rests, and say in the window's title what is open."""
         scene, moves = self.scene, self.controls.mode or self.fly.on
         moves = bool(moves) or scene.timeline.moves_camera
         self.camera_history.note(scene.viewpoint.orbit, moves, time.perf_counter())
@@ -310,53 +302,43 @@ class App:
             self._caption = caption
             self.window.set_caption(caption)
 
-    def covered(self) -> Covered:
-        return Covered() if self.panels is None else self.panels.covered()
-
     def draw(self, camera, keep: bool = True) -> None:
         """Draw the object and what belongs to it into the canvas; keep it for files."""
-        in_clips = self.scene.settings.handles_in_clips
-        clips = clip_range(self.scene.viewpoint.orbit)
+        settings, clips = self.scene.settings, clip_range(self.scene.viewpoint.orbit)
         self.canvas.use(self.size)
         self.radiance.draw(camera, clips)
         beside = self.controls.covered.right * self.controls.ratio * keep
         self.mesh_layer.draw(camera, clips, round(beside))
         keep = keep and (self.recorder.video is not None or self.recorder.wants_screenshot)
-        if keep and not in_clips:
+        if keep and not settings.handles_in_clips:
             self._record_view()
-        self._draw_marks(camera)
-        settings = self.scene.settings
+        self._draw_marks(camera, clips)
         if settings.tool != "isolate":  # whose marks they would hide
             self.handle_layer.draw(camera, clips)
         if self.gui is None or settings.task != "bend" or settings.tool in OF_BONES:
             self.bone_layer.draw(camera, clips, self.controls.bones.place)
-        if keep and in_clips:
+        if keep and settings.handles_in_clips:
             self._record_view()
 
-    def _draw_marks(self, camera):
+    def _draw_marks(self, camera, clips):
         """Draw what goes and stays, and what no photograph saw."""
-        found = [self.controls.tools["isolate"].marks]
-        if self.scene.settings.show_photographed:
-            found.append(self.photographed.marks(camera))
-        else:
-            self.photographed.leave()
-        for marks in found:
+        seen = self.scene.settings.show_photographed
+        for marks in (
+            self.controls.tools["isolate"].marks,
+            self.photographed.marks(camera) if seen else None,
+        ):
             if marks is not None:
-                clips = clip_range(self.scene.viewpoint.orbit)
                 self.mark_layer.draw_marks(camera, clips, marks)
 
     def _record_view(self):
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""
         self.recorder.add_frame()
-        if self._wants_transparent:
-            image, background = self.radiance.color_image(), self.scene.settings.background
-            self.recorder.save_screenshot(without_background(image, background))
-        elif self.gui is None or not self.scene.settings.panel_in_screenshots:
+        settings = self.scene.settings
+        if settings.transparent_screenshots and self.recorder.wants_screenshot:
+            image = without_background(self.radiance.color_image(), settings.background)
+            self.recorder.save_screenshot(image)
+        elif self.gui is None or not settings.panel_in_screenshots:
             self.recorder.save_screenshot()
-
-    @property
-    def _wants_transparent(self):
-        return self.recorder.wants_screenshot and self.scene.settings.transparent_screenshots
 
     def _draw_panels(self):
         """Draw the panels; whether they were built: some times a second in a plain drag."""
@@ -376,25 +358,16 @@ class App:
             self.recorder.save_screenshot()
         return True
 
-    def _log_state(self):
-        now = time.perf_counter()
-        ready = self.frame_count == 0
-        if ready or now - self._last_state >= STATE_SECONDS:
-            self._last_state = now
-            self.log("ready" if ready else "state", **state_of(self))
-
     @property
     def size(self) -> tuple[int, int]:
         """The framebuffer's size in pixels, at least 1 x 1."""
         width, height = self.window.get_framebuffer_size()
         return max(width, 1), max(height, 1)
 
-    def save_session(self) -> str:
-        """Write the session into the current folder; returns a sentence if that fails."""
-        problem = self.recorder.save_session(self.scene, self.session_start)
-        if not problem:
+    def save_session(self) -> None:
+        """Write the session into the current folder."""
+        if not self.recorder.save_session(self.scene, self.session_start):
             self.saved()
-        return problem
 
     def save_project(self, path: Path | None = None) -> str:
         """Write a project, by default the one that is open, else one where dialogs begin.
@@ -421,7 +394,7 @@ class App:
                 self.autosave.end()
 
     def end(self) -> None:
-        """The loop has ended: only unsaved work is kept for another start."""
+        """The loop has ended, or another model follows: unsaved work is kept for another start."""
         for sentence in [] if self.autosave is None else self.autosave.leave():
             self.recorder.say(sentence)
 

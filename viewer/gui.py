@@ -275,19 +275,19 @@ class Gui:
             self.claim()
             imgui.end_popup()
 
-    def guarded(self, panel, *arguments, window=None) -> None:
+    def guarded(self, panel, window=None) -> None:
         """Draw a panel; one that fails says so and is tried again in the next frame.
 
         Args:
-            window: Whose parts the panel gets besides the arguments, as parts.call says.
+            window: Whose parts the panel gets, as parts.call says.
         """
         state = imgui.internal.ErrorRecoveryState()
         imgui.internal.error_recovery_store_state(state)
         try:
             if window is None:
-                panel(*arguments)
+                panel()
             else:
-                call(panel, window, *arguments)
+                call(panel, window)
         except Exception as error:
             self._io.config_error_recovery_enable_assert = False  # to close what it opened
             try:

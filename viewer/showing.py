@@ -55,8 +55,7 @@ def load(app, field, name: str, device: str, interop: str = "auto") -> None:
     if app.watcher.over:
         app.train_job = None
     if app.gui is not None:
-        for sentence in [] if app.autosave is None else app.autosave.leave():
-            app.recorder.say(sentence)
+        app.end()
         app.questions.left_behind = left_behind(autosave_folder(), field.mesh)
         app.begin_autosave()
 

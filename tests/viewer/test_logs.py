@@ -98,10 +98,10 @@ def test_an_error_is_told_of_with_the_logs_name_and_the_viewer_goes_on(
     if place == "frame":
         app.scene.clock.advance = failing_once(app.scene.clock.advance)
     elif place == "event":
-        reset = ACTIONS["reset"].function
-        failing = functools.wraps(reset)(failing_once(reset))
-        monkeypatch.setitem(ACTIONS, "reset", replace(ACTIONS["reset"], function=failing))
-        app.window.dispatch_event("on_key_press", key.R, 0)
+        undo = ACTIONS["undo"].function
+        failing = functools.wraps(undo)(failing_once(undo))
+        monkeypatch.setitem(ACTIONS, "undo", replace(ACTIONS["undo"], function=failing))
+        app.window.dispatch_event("on_key_press", key.Z, key.MOD_CTRL)
     else:
         app.panels.draw = failing_once(app.panels.draw)
     run_until_closed(app, 4)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
-from ..parts import call
+from ..parts import call, part
 from ..settings import KEYS
 from ..tools import ALT, CTRL, OTHER_NAMES, SHIFT
 
@@ -38,8 +38,8 @@ class Input:
     blender: str | None = None  # the key with Blender's keys, if another; empty: none
     only: str = ""  # the one of KEYS that has the gesture, if not all
     stop: str = ""  # its title while it is on, instead of a mark in the menu
-    function: Callable | None = None  # of parts of the window; None: a gesture has none
-    on: Callable | None = None  # likewise: whether it is on; None: it can't be
+    function: Callable | str | None = None  # as parts.call takes it; None: a gesture has none
+    on: Callable | str | None = None  # whether it is on, or the path of that; None: it can't be
 
     @property
     def title(self) -> str:
@@ -48,11 +48,18 @@ class Input:
         last = last.removeprefix("-")
         return f"Export {last[0].lower()}{last[1:]}" if menu == EXPORT else last or self.help
 
+    @property
+    def is_checked(self) -> bool:
+        """Whether menus check it while it is on."""
+        return self.on is not None and not self.stop
+
     def __call__(self, window):
         return call(self.function, window)
 
     def is_on(self, window) -> bool:
-        """Whether a menu checks it."""
+        """Whether it is on now."""
+        if isinstance(self.on, str):
+            return bool(part(window, self.on))
         return self.on is not None and bool(call(self.on, window))
 
 
@@ -66,7 +73,7 @@ def action(help, key="", menu="", blender=None, name="", on=None, stop=""):
     Args:
         help, key, menu, blender, stop: As an Input has them.
         name: By which it is called, if not the function's.
-        on: A function of parts: whether it is on.
+        on: A function of parts: whether it is on; or a path, as "clock.paused".
     """
 
     def decorate(function):
@@ -79,6 +86,11 @@ def action(help, key="", menu="", blender=None, name="", on=None, stop=""):
         return function
 
     return decorate
+
+
+def method(path, help, key="", menu="", blender=None, name="", on=None, stop=""):
+    """Make an action that calls a method of a part, as "viewpoint.home"."""
+    action(help, key, menu, blender, name or path.rpartition(".")[2], on, stop)(path)
 
 
 def choice(setting, value, help, key="", menu="", blender=None, name="", otherwise=None):

@@ -32,7 +32,7 @@ for _name, _what, _key_name, _menu, _help in (
 
 @action(
     *("play the timeline, or stop", "ENTER", "Animate/-Play timeline"),
-    on=lambda timeline: timeline.playing,
+    on="timeline.playing",
     stop="Stop timeline",
 )
 def play(timeline, controls, say):
@@ -95,8 +95,6 @@ def save_pose(timeline, strip, say):
     strip.pose_name = ""
 
 
-@action(
-    "the timeline plays again and again", menu="Animate/Loop", on=lambda timeline: timeline.loop
-)
+@action("the timeline plays again and again", menu="Animate/Loop", on="timeline.loop")
 def toggle_loop(timeline):
     timeline.set_loop(not timeline.loop)

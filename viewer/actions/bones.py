@@ -47,7 +47,7 @@ def rest_bones(rigging, posing, controls, say):
 
 @action(
     *("play the chosen clip, or stop", "SHIFT+ENTER", "Rig/-Play clip"),
-    on=lambda posing: posing.playing,
+    on="posing.playing",
     stop="Stop clip",
 )
 def play_clip(posing, controls, say):
@@ -60,7 +60,7 @@ def play_clip(posing, controls, say):
         posing.play_clip(posing.chosen.name)
 
 
-@action("play clips again and again", menu="Rig/Loop clip", on=lambda posing: posing.loop)
+@action("play clips again and again", menu="Rig/Loop clip", on="posing.loop")
 def loop_clip(posing):
     posing.loop_clip(not posing.loop)
 

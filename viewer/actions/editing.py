@@ -4,7 +4,7 @@ from functools import partial
 
 from ..settings import GIZMOS, OF_BONES
 from ..tools import KINDS, MOVE, SCALE, TURN, said
-from .action import action, choice, gesture, has, toggle
+from .action import action, choice, gesture, has, method, toggle
 
 gesture("left drag on a red point", "bend the object; all that is selected goes along")
 gesture("left drag on the object", "bend it there (Alt: orbit)")
@@ -30,9 +30,7 @@ def redo(controls, say):
     say(f"done again: {label}" if label else "nothing to do again")
 
 
-@action("pin what is held, selected or under the mouse", "P", "Edit/-Pin")
-def pin(controls):
-    controls.pin()
+method("controls.pin", "pin what is held, selected or under the mouse", "P", "Edit/-Pin")
 
 
 @action(
@@ -50,14 +48,10 @@ def rest_here(body, say):
         say("a tangled pose can't be the one to return to")
 
 
-@action("it returns to the shape that it had before", "CTRL+T", "Edit/Shape before")
-def undo_rest_here(body):
-    body.undo_rest_here()
-
-
-@action("back to how it was at rest, with its pins", "R", "Edit/Original shape", "ALT+G")
-def reset(controls):
-    controls.reset()
+_help = "it returns to the shape that it had before"
+method("body.undo_rest_here", _help, "CTRL+T", "Edit/Shape before")
+_help = "back to how it was at rest, with its pins"
+method("controls.reset", _help, "R", "Edit/Original shape", "ALT+G")
 
 
 # -- drags -------------------------------------------------------------------------------------
@@ -142,9 +136,8 @@ tool("stiffen", "make stiffer what the mouse passes", menu="Edit/Tool/Stiffen")
 tool("soften", "make softer what the mouse passes", menu="Edit/Tool/Soften")
 
 
-@action("equally stiff everywhere: forget what was painted", "CTRL+E", "Edit/Even stiffness")
-def clear_paint(body):
-    body.clear_paint()
+_help = "equally stiff everywhere: forget what was painted"
+method("body.clear_paint", _help, "CTRL+E", "Edit/Even stiffness")
 
 
 tool("delete", "delete with a brush (Shift: all through)", "D", "Edit/Delete/Erase")
@@ -185,24 +178,18 @@ def hide(handles, say):
         say("nothing to hide: select red points first")
 
 
-@action("show hidden points", "CTRL+SHIFT+H", "Select/Show all points", "ALT+H")
-def unhide(handles):
-    handles.unhide()
+method("handles.unhide", "show hidden points", *("CTRL+SHIFT+H", "Select/Show all points", "ALT+H"))
 
 
 # -- time --------------------------------------------------------------------------------------
 
 
-@action("pause, or go on", "SPACE", "Edit/-Pause", on=lambda clock: clock.paused, stop="Go on")
+@action("pause, or go on", "SPACE", "Edit/-Pause", on="clock.paused", stop="Go on")
 def pause(clock):
     clock.paused = not clock.paused
 
 
-@action("one 60th of a second; it pauses", "PERIOD", "Edit/Single step")
-def single_step(clock):
-    clock.single_step()
-
-
+method("clock.single_step", "one 60th of a second; it pauses", "PERIOD", "Edit/Single step")
 gesture("right click", "while dragging: let go, it goes back")
 
 

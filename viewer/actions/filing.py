@@ -4,17 +4,12 @@ from functools import partial
 
 from ...wings.rig import arrays_of
 from ..files import surface_of
-from .action import action
+from .action import action, method
 
-
-@action("begin anew with this model; what you did is kept", "CTRL+N", "File/New")
-def new(playing):
-    playing.begin_anew()
-
-
-@action("open a project, a model or a session", "CTRL+O", "File/Open...")
-def open(opening):
-    opening.ask()
+_help = "begin anew with this model; what you did is kept"
+method("playing.begin_anew", _help, "CTRL+N", "File/New", name="new")
+_help = "open a project, a model or a session"
+method("opening.ask", _help, "CTRL+O", "File/Open...", name="open")
 
 
 @action("save the project: all that was done, with the model", "CTRL+S", "File/-Save")
@@ -43,12 +38,8 @@ def save_model(body, cuts, field, rigging, recorder):
     recorder.save_model(cuts.smaller(factors, arrays))
 
 
-@action(
-    "write what was done as a session, of which deformrf render makes a film",
-    menu="File/Export/Session",
-)
-def save_session(save_session):
-    save_session()
+_help = "write what was done as a session, of which deformrf render makes a film"
+method("save_session", _help, menu="File/Export/Session")
 
 
 def _export(ending, cuts, solver, radiance, field, recorder):
@@ -68,6 +59,4 @@ for _kind in ("ply", "obj"):
     )(partial(_export, f".{_kind}"))
 
 
-@action("quit", "CTRL+Q", "File/-Quit")
-def quit(questions):
-    questions.leave()
+method("questions.leave", "quit", "CTRL+Q", "File/-Quit", name="quit")

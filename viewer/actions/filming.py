@@ -2,17 +2,16 @@
 
 from functools import partial
 
-from .action import action, toggle
+from .action import action, method, toggle
 
-
-@action(
+method(
+    "takes.start_or_stop",
     "mark what you do from now on: a film of it is rendered afterwards, in full",
     *("F9", "Film/Record what I do"),
-    on=lambda takes: takes.recording,
+    name="record",
+    on="takes.recording",
     stop="Stop recording",
 )
-def record(takes):
-    takes.start_or_stop()
 
 
 def _ask(kind, takes):
@@ -30,27 +29,21 @@ for _name, _kind, _key, _menu, _of in (
 @action(
     "what a film of the chosen size shows of the view",
     menu="Film/-Frame guide",
-    on=lambda takes: takes.shows_frame,
+    on="takes.shows_frame",
 )
 def frame_guide(takes):
     takes.shows_frame = not takes.shows_frame
 
 
-@action(
-    "a video of the view as it shows, coarse while things move",
+method(
+    *("recorder.start_or_stop", "a video of the view as it shows, coarse while things move"),
     *("SHIFT+F9", "Film/-Record the screen"),
-    on=lambda recorder: recorder.video is not None,
+    name="record_screen",
+    on="recorder.video",
     stop="Stop recording the screen",
 )
-def record_screen(recorder):
-    recorder.start_or_stop()
-
-
-@action("a picture of the view, into the current folder", "F2", "Film/-Save a picture")
-def screenshot(recorder):
-    recorder.screenshot()
-
-
+_help = "a picture of the view, into the current folder"
+method("recorder.screenshot", _help, "F2", "Film/-Save a picture")
 toggle(
     "transparent_screenshots",
     "pictures are of the field alone, with its opacity",
@@ -62,8 +55,5 @@ toggle(
     "pictures and clips of the screen have red points and bones in them; films are asked for",
     menu="Film/Red points in pictures and screen clips",
 )
-toggle(
-    "panel_in_screenshots",
-    "pictures are of the whole window",
-    menu="Film/Panels in pictures",
-)
+_help = "pictures are of the whole window"
+toggle("panel_in_screenshots", _help, menu="Film/Panels in pictures")

@@ -10,7 +10,7 @@ from ...core.render import MODES
 from ..camera import with_up
 from ..settings import OF_BONES, PANEL_WIDTHS, TASKS
 from ..tools import found_box
-from .action import action, choice, gesture, has, toggle
+from .action import action, choice, gesture, has, method, toggle
 
 AXIS_VIEWS = {  # yaw and pitch [degrees], and the key
     "front": (0.0, 0.0, "_1"),
@@ -33,14 +33,8 @@ gesture("Shift+middle, or right drag", "pan", only="blender")
 gesture("wheel", "zoom to the mouse; with the brush that deletes, its size")
 
 
-@action("focus: the object, or the point under the mouse", "F", "View/Focus")
-def focus(viewpoint):
-    viewpoint.focus()
-
-
-@action("reset the camera", "HOME", "View/Reset camera")
-def home(viewpoint):
-    viewpoint.home()
+method("viewpoint.focus", "focus: the object, or the point under the mouse", "F", "View/Focus")
+method("viewpoint.home", "reset the camera", "HOME", "View/Reset camera")
 
 
 def _look(yaw, pitch, viewpoint):
@@ -58,15 +52,14 @@ for _name, (_yaw, _pitch, _key) in AXIS_VIEWS.items():
 
 @action(
     *("parallel rays, or not: what is far away is as large", "_5", "View/Orthographic"),
-    on=lambda viewpoint: viewpoint.orbit.parallel,
+    on="viewpoint.orbit.parallel",
 )
 def toggle_parallel(viewpoint):
     viewpoint.orbit = replace(viewpoint.orbit, parallel=not viewpoint.orbit.parallel)
 
 
-@action("fly with W A S D, Q and E, and the mouse; Esc ends", "G", "View/Fly", "SHIFT+F")
-def fly(fly):
-    fly.toggle()
+_help = "fly with W A S D, Q and E, and the mouse; Esc ends"
+method("fly.toggle", _help, "G", "View/Fly", "SHIFT+F", "fly")
 
 
 def up_name(orbit) -> str:
@@ -166,9 +159,10 @@ def toggle_box(settings, field, say):
     menu="View/What no photograph saw",
     on=has("show_photographed", True),
 )
-def toggle_photographed(settings, field, say):
+def toggle_photographed(settings, photographed, field, say):
     views = bool(field.meta.get("views"))
     settings.show_photographed = views and not settings.show_photographed
+    photographed.leave()
     if not views:
         say("this model does not say where its photographs were taken: train it again")
 

@@ -59,7 +59,7 @@ def _gizmo(settings, controls, gui, actions) -> None:
     told = actions.told("next_gizmo")
     w.segments(words, *w.of(settings, "gizmo"), lambda kind: told)
     imgui.same_line()
-    w.action_box(actions, "own_axes")
+    w.buttons(actions, "own_axes")
     gizmo = controls.tool.gizmo
     if gizmo is not None and imgui.tree_node("by numbers"):
         _amount(controls, gui, gizmo.kind)

@@ -4,13 +4,13 @@ import os
 import time
 from pathlib import Path
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ..actions import ActionSearch
 from ..files import FileDialog, Problem, readable
 from ..questions import FILM, TRAINING, WORK
 from ..training import TrainOffer
-from .widgets import was_entered
+from .widgets import answers, was_entered
 
 WIDTH, LIST_HEIGHT = 520.0, 280.0
 LEAVING_WIDTH = 460.0
@@ -21,15 +21,14 @@ WAYS = {imgui.Key.up_arrow: -1, imgui.Key.down_arrow: 1}
 def dialog_window(questions, watcher, actions, settings) -> None:
     """Draw the dialog of a window; it is None once the user has answered."""
     width, dialog = min(WIDTH, imgui.get_io().display_size.x - 60.0), questions.dialog
-    imgui.push_text_wrap_pos(width)
-    imgui.text(readable(dialog.title))
-    if isinstance(dialog, TrainOffer):
-        done = _offer(dialog, watcher)
-    elif isinstance(dialog, ActionSearch):
-        done = _search(dialog, settings.keys, width)
-    else:
-        done = {FileDialog: _choice, Problem: _problem}[type(dialog)](dialog, width)
-    imgui.pop_text_wrap_pos()
+    with imgui_ctx.push_text_wrap_pos(width):
+        imgui.text(readable(dialog.title))
+        if isinstance(dialog, TrainOffer):
+            done = _offer(dialog, watcher)
+        elif isinstance(dialog, ActionSearch):
+            done = _search(dialog, settings.keys, width)
+        else:
+            done = {FileDialog: _choice, Problem: _problem}[type(dialog)](dialog, width)
     if done:
         questions.dialog = None
         if isinstance(dialog, ActionSearch):
@@ -39,18 +38,17 @@ def dialog_window(questions, watcher, actions, settings) -> None:
 def _offer(offer, watcher):
     for line in offer.lines():
         imgui.text_wrapped(line)
-    if imgui.button("Train"):
+    answer = answers("Train", "Not now")
+    if answer == "Train":
         watcher.begin_offered()
-        return True
-    imgui.same_line()
-    return imgui.button("Not now")
+    return bool(answer)
 
 
 def _problem(problem, width):
     imgui.text_wrapped(readable(problem.sentence))
     if problem.log_file is not None:
         imgui.text_disabled(readable(f"more in {problem.log_file}"))
-    return imgui.button("Close") or was_entered()
+    return bool(answers("Close", enter="Close"))
 
 
 def _choice(dialog, width):
@@ -63,23 +61,19 @@ def _choice(dialog, width):
     entered, dialog.text = imgui.input_text("##path", dialog.text, flags)
     # Enter twice in slow frames: the field has the keys again some frames after the first one.
     done = (bool(entered) or was_entered()) and dialog.choose(dialog.typed())
-    if imgui.begin_child("entries", _list_size(width), imgui.ChildFlags_.borders.value):
+    with imgui_ctx.begin_child("entries", _list_size(width), imgui.ChildFlags_.borders.value):
         if imgui.selectable("..", False)[0]:
             dialog.choose(Path(".."))
         for number, (name, is_folder) in enumerate(list(dialog.entries)):
-            imgui.push_id(number)  # two names may look the same
-            if imgui.selectable(readable(name) + "/" * is_folder, False)[0]:
-                done = dialog.choose(Path(name)) or done
-            imgui.pop_id()
+            with imgui_ctx.push_id(number):  # two names may look the same
+                if imgui.selectable(readable(name) + "/" * is_folder, False)[0]:
+                    done = dialog.choose(Path(name)) or done
         if not dialog.entries:
             imgui.text_disabled(f"no {' or '.join(dialog.endings)} here")
-    imgui.end_child()
     if dialog.problem:
         imgui.text_wrapped(readable(dialog.problem))
-    if imgui.button("Save" if dialog.name else "Open"):
-        done = dialog.choose(dialog.typed()) or done
-    imgui.same_line()
-    return imgui.button("Cancel") or done
+    answer = answers("Save" if dialog.name else "Open", "Cancel")
+    return answer == "Cancel" or (bool(answer) and dialog.choose(dialog.typed())) or done
 
 
 def _list_size(width):
@@ -103,13 +97,12 @@ def _search(search, keys, width):
             search.move(by, len(found))
     entered = was_entered() and search.text.strip() and search.number < len(found)
     chosen = found[search.number].action if entered else ""
-    if imgui.begin_child("found", _list_size(width)):
+    with imgui_ctx.begin_child("found", _list_size(width)):
         for number, entry in enumerate(found):
             if _row(entry, number == search.number, width):
                 chosen = entry.action
         if not found:
             imgui.text_disabled("nothing is called so")
-    imgui.end_child()
     imgui.text_disabled("Up, Down: choose; Enter: do it; Esc: back")
     return chosen
 
@@ -134,26 +127,22 @@ def leaving_window(questions, takes, opening) -> None:
     leaving = questions.leaving
     title, text = _loss(leaving, takes.job, opening)
     label, entered = GO_ON.get(leaving.about, ("", "")) if not leaving.waits else ("", "")
-    imgui.push_text_wrap_pos(LEAVING_WIDTH)
-    imgui.text(title)
-    imgui.text_wrapped(readable(text))
-    if leaving.problem:
-        imgui.text_wrapped(readable(leaving.problem))
-    imgui.text_disabled(f"Enter: {entered}; Esc: cancel" if label else "Esc: cancel")
-    imgui.pop_text_wrap_pos()
-    if label:
-        if imgui.button(label) or was_entered():
-            if leaving.about == WORK:
-                questions.save()
-            else:
-                leaving.waits = True
-        imgui.same_line()
+    with imgui_ctx.push_text_wrap_pos(LEAVING_WIDTH):
+        imgui.text(title)
+        imgui.text_wrapped(readable(text))
+        if leaving.problem:
+            imgui.text_wrapped(readable(leaving.problem))
+        imgui.text_disabled(f"Enter: {entered}; Esc: cancel" if label else "Esc: cancel")
     lose = "Quit without saving" if leaving.about == WORK else "Stop it and quit"
-    if imgui.button(lose) and questions.leaving is not None:
+    answer = answers(*filter(None, [label]), lose, "Cancel", enter=label)
+    if answer == lose:
         questions.settle()
-    imgui.same_line()
-    if imgui.button("Cancel"):
+    elif answer == "Cancel":
         questions.dismiss()
+    elif answer and leaving.about == WORK:
+        questions.save()
+    elif answer:
+        leaving.waits = True
 
 
 def _loss(leaving, job, opening):
@@ -178,15 +167,13 @@ def recovery_window(questions, opening, say):
     minutes = (time.time() - path.stat().st_mtime) / 60.0 if os.path.exists(path) else 0.0
     imgui.text("A session of this model was left behind.")
     imgui.text_disabled(readable(f"{minutes:.0f} minutes ago; kept in {path}"))
-    if imgui.button("Go on with it") or was_entered():
+    answer = answers("Go on with it", "Delete it", "Ask again next time", enter="Go on with it")
+    if answer == "Go on with it":
         opening.asked = path  # before the next frame: the window shows how far it is
-    imgui.same_line()
-    if imgui.button("Delete it"):
+    elif answer:
         questions.left_behind = None
+    if answer == "Delete it":
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
             say(f"can't delete {path}: {error.strerror}")
-    imgui.same_line()
-    if imgui.button("Ask again next time"):
-        questions.left_behind = None

@@ -1,6 +1,6 @@
 """The task *Film*, and its windows: what film to make, how far it is, its frame over the view."""
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ..files import readable
 from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECONDS
@@ -26,7 +26,7 @@ def filming_panel(recorder, actions):
         told = f"{video.repeated_count} repeated, {video.dropped_count} left out"
         imgui.text(f"{video.frame_count} frames, {told}")
     for name in ("frame_guide", "toggle_transparent", *IN_PICTURES):
-        w.action_box(actions, name)
+        w.buttons(actions, name)
 
 
 def recording_line(takes, recorder) -> str:
@@ -42,18 +42,17 @@ def film_window(takes) -> None:
     imgui.text("What should the film show?")
     height = imgui.get_io().display_size.y - BUTTONS
     imgui.set_next_window_size_constraints((FILM_WIDTH, 0.0), (FILM_WIDTH, max(height, 60.0)))
-    if imgui.begin_child("choices", (FILM_WIDTH, 0.0), imgui.ChildFlags_.auto_resize_y.value):
+    flags = imgui.ChildFlags_.auto_resize_y.value
+    with imgui_ctx.begin_child("choices", (FILM_WIDTH, 0.0), flags):
         _kinds(takes)
         imgui.separator()
         _picture(choices, takes.size)
         _file(choices, takes.problem)
-    imgui.end_child()
     is_good = choices.name and not takes.why_not(choices.what)
     seconds = takes.film_seconds(choices.what)
     known = f"{seconds:.1f} s long; rendering: {takes.estimator.line}" if is_good else ""
-    imgui.push_text_wrap_pos(FILM_WIDTH)
-    imgui.text_wrapped(readable(takes.problem or known))
-    imgui.pop_text_wrap_pos()
+    with imgui_ctx.push_text_wrap_pos(FILM_WIDTH):
+        imgui.text_wrapped(readable(takes.problem or known))
     imgui.begin_disabled(not is_good)
     if (imgui.button("Render") or w.was_entered()) and is_good:
         takes.start_film()

@@ -1,6 +1,6 @@
 """The help: all gestures and keys by tasks, that of the panel first; a field filters them."""
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ..actions import SECTIONS, inputs_of, section_of, told_of
 from .widgets import section, text_field
@@ -25,24 +25,20 @@ def help_window(settings, gui) -> None:
     task = settings.task.capitalize()
     entries = [one for one in inputs_of(settings.keys) if one.label]
     found = [one for one in entries if told_of(one, gui.help_filter)]
-    if imgui.begin_child("inputs"):
+    with imgui_ctx.begin_child("inputs"):
         for name in sorted(SECTIONS, key=lambda name: name != task):  # the others as they are
             shown = [one for one in found if section_of(one) == name]
             if shown and section(name):
                 _table(name, shown)
         if not found:
             imgui.text_disabled("nothing is called so")
-    imgui.end_child()
 
 
 def _table(name, entries):
     if imgui.begin_table(name, 2, imgui.TableFlags_.sizing_stretch_prop.value):
         imgui.table_setup_column("key", imgui.TableColumnFlags_.width_stretch.value, 0.34)
         imgui.table_setup_column("help", imgui.TableColumnFlags_.width_stretch.value, 0.66)
-        for entry in entries:
-            imgui.table_next_row()
+        for text in (text for entry in entries for text in (entry.label, entry.help)):
             imgui.table_next_column()
-            imgui.text_wrapped(entry.label)
-            imgui.table_next_column()
-            imgui.text_wrapped(entry.help)
+            imgui.text_wrapped(text)
         imgui.end_table()

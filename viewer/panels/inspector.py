@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ..settings import TASKS
 from . import view
@@ -20,7 +20,6 @@ class TaskSection(NamedTuple):
     title: str
     panel: Callable
     is_open: bool = True
-    needs: str = ""  # a part of the window without which it doesn't show
 
 
 SECTIONS = {
@@ -31,7 +30,7 @@ SECTIONS = {
     "view": (
         TaskSection("Picture", view.picture_panel),
         TaskSection("Camera", view.camera_panel),
-        TaskSection("Photographs", view.photographs_panel, needs="photographs"),
+        TaskSection("Photographs", view.photographs_panel),  # if there are any
         TaskSection("Window", view.window_panel, False),
         TaskSection("Speed", view.speed_panel, False),
         TaskSection("Model", view.model_panel),
@@ -41,20 +40,18 @@ LEAST_PADDING = 6.0  # points, beside a word in its button
 ICONS = dict(zip(TASKS, ("hand_pointer", "bone", "clock", "film", "eye"), strict=True))
 
 
-def inspector(settings, panels, actions) -> None:
+def inspector(settings, panels, photographs, actions) -> None:
     """Draw the choice of the task, and its panel, into the window that is being built."""
     _tasks(settings, actions)
     imgui.separator()
-    if imgui.begin_child("task"):
+    with imgui_ctx.begin_child("task"):
         imgui.set_scroll_x(0.0)  # Shift and the wheel would push it sideways
-        for one in SECTIONS[settings.task]:
-            if one.needs and not panels.has(one.needs):
+        for title, panel, is_open in SECTIONS[settings.task]:
+            if panel is view.photographs_panel and photographs is None:
                 continue
-            if not one.title or section(one.title, one.is_open):
-                imgui.push_id(one.title)  # a button may be called like a head
-                panels.show(one.panel)
-                imgui.pop_id()
-    imgui.end_child()
+            if not title or section(title, is_open):
+                with imgui_ctx.push_id(title):  # a button may be called like a head
+                    panels.show(panel)
 
 
 def _tasks(settings, actions):

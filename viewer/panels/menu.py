@@ -57,10 +57,8 @@ TREES = {keys: menu_tree(inputs_of(keys)) for keys in KEYS}
 def menu_bar(settings, handles, controls, actions, preferences, opening) -> None:
     """Draw it along the window's upper edge: at the right what there is space for."""
     _items(TREES[settings.keys], actions, preferences, opening)
-    for way, action, label in (
-        ("left", "undo", controls.undoes),
-        ("right", "redo", controls.redoes),
-    ):
+    ways = ("left", "undo", controls.undoes), ("right", "redo", controls.redoes)
+    for way, action, label in ways:
         imgui.begin_disabled(not label)
         button(actions, action, f"{icon(f'rotate_{way}')}##{action}")
         imgui.end_disabled()
@@ -73,14 +71,13 @@ def menu_bar(settings, handles, controls, actions, preferences, opening) -> None
     width = SEARCH_WIDTH if worded else ICON_WIDTH
     place = right - width - BETWEEN
     if place > left:
-        keys_place = place - offered
-        if offered and keys_place > left:
-            imgui.set_cursor_pos_x(keys_place)
+        if offered and place - offered > left:
+            imgui.set_cursor_pos_x(place - offered)
             keys_offer(settings, actions)
             imgui.same_line()
         imgui.set_cursor_pos_x(place)
         words = f"  Search   {actions.label('search')}" * worded
-        button(actions, "search", icon("magnifying_glass") + words, width=width)
+        button(actions, "search", icon("magnifying_glass") + words, width)
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
     hand_switch(settings, handles, actions, titled)
 

@@ -18,9 +18,7 @@ FADES = "while one plays, its pose fades into that of the next"
 
 
 def rig_panel(settings, rigging, posing, actions, say):
-    w.buttons(actions, "joints", "bones")
-    imgui.same_line()
-    w.action_box(actions, "toggle_bones")
+    w.buttons(actions, "joints", "bones", "toggle_bones")
     imgui.text_wrapped(bone_line(rigging))
     if rigging.skeleton is None:
         imgui.text_wrapped(NO_BONES)
@@ -59,9 +57,7 @@ def clips_panel(rigging, posing, strip, actions):
     else:
         names = [one.name for one in rigging.clips]
         w.combo("clip", clip.name, partial(_choose, posing), names, FADES)
-        w.button(actions, "play_clip")
-        imgui.same_line()
-        w.action_box(actions, "loop_clip")
+        w.buttons(actions, "play_clip", "loop_clip")
         imgui.same_line()
         w.delete_button(rigging.delete_clip, clip.name)
         seconds = posing.seconds if clip.name == posing.clip else 0.0

@@ -2,7 +2,7 @@
 
 from functools import cache, partial
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ..document import (
     EASINGS,
@@ -52,7 +52,7 @@ def _buttons(timeline, strip, actions):
     is_wide = imgui.get_content_region_avail().x >= WIDE
     w.button(actions, "play", "" if is_wide else actions.title("play").partition(" ")[0])
     imgui.same_line()
-    w.action_box(actions, "toggle_loop")
+    w.buttons(actions, "toggle_loop")
     imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
     for name, gap in (("key", GAP), ("key_camera", -1.0), ("key_pose", -1.0), ("turntable", GAP)):
@@ -168,7 +168,7 @@ def animate_panel(timeline, strip, rigging, posing, actions):
     """Keys in a few words, clips, and saved poses."""
     key, play, turn = (actions.label(name) for name in ("key", "play", "turntable"))
     imgui.text_wrapped(STEPS.format(key=key, play=play, turn=turn))
-    w.action_box(actions, "toggle_timeline")
+    w.buttons(actions, "toggle_timeline")
     if w.section("Clips of bones", bool(rigging.clips)):
         clips_panel(rigging, posing, strip, actions)
     if w.section("Saved poses", bool(timeline.poses)):
@@ -180,11 +180,10 @@ def _poses(timeline, strip, actions):
     imgui.same_line()
     w.button(actions, "save_pose")
     for pose in timeline.poses:
-        imgui.push_id(pose.name)
-        w.delete_button(timeline.delete_pose, pose.name)
-        imgui.same_line()
-        change = partial(timeline.blend_pose, pose.name)
-        w.slider(pose.name, pose.weight, change, WEIGHTS, "%.2f", tooltip="how much of it")
-        imgui.pop_id()
+        with imgui_ctx.push_id(pose.name):
+            w.delete_button(timeline.delete_pose, pose.name)
+            imgui.same_line()
+            change = partial(timeline.blend_pose, pose.name)
+            w.slider(pose.name, pose.weight, change, WEIGHTS, "%.2f", tooltip="how much of it")
     if timeline.poses:
         imgui.text_disabled("what they differ by from the rest shape")

@@ -4,7 +4,7 @@ import math
 from functools import partial
 
 import numpy as np
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ...core.render import MODES, caption
 from ..actions import AXIS_VIEWS, FROM_VIEW, UPS, line_of, set_up, show_photograph, up_name
@@ -57,15 +57,8 @@ def picture_panel(settings, viewpoint, actions):
     w.color("background", *w.of(settings, "background"))
     w.checkbox("checkerboard", *w.of(settings, "checkerboard"))
     imgui.same_line()
-    w.action_box(actions, "toggle_ground")
-    w.action_box(actions, "toggle_handles")
-    for name in ("toggle_wireframe", "toggle_bones"):
-        imgui.same_line()
-        w.action_box(actions, name)
-    _mesh(settings, actions)
-
-
-def _mesh(settings, actions):
+    w.buttons(actions, "toggle_ground")
+    w.buttons(actions, "toggle_handles", "toggle_wireframe", "toggle_bones")
     lines = (actions.told(action, text) for action, text in SHOWN_ON_MESH.items())
     tooltip = ",\n".join(lines) + ", as means about vertices"
     w.combo("mesh", *w.of(settings, "mesh_surface"), SURFACES, tooltip)
@@ -91,11 +84,19 @@ def camera_panel(viewpoint, settings, actions):
     w.buttons(actions, *AXIS_VIEWS, "fly", "home", "focus")
     angle = math.degrees(orbit.field_of_view)
     w.slider("field of view", angle, widen, (5.0, 100.0), "%.0f°", tooltip=WIDER)
-    w.action_box(actions, "toggle_parallel")
+    w.buttons(actions, "toggle_parallel")
     w.combo("up", up_name(orbit), partial(set_up, viewpoint), [*UPS, FROM_VIEW], UP)
     if settings.grab_anywhere:
         w.combo("orbit on the object with", *w.of(settings, "orbit_key"), ORBIT_KEYS, ORBIT)
-    _saved(viewpoint, actions)
+    viewpoint.new_name = w.text_field("##name", viewpoint.new_name, "a name", width=150.0)
+    imgui.same_line()
+    w.button(actions, "save_view")
+    for name in list(viewpoint.saved):
+        with imgui_ctx.push_id(name):
+            if imgui.button(name):
+                viewpoint.go_to(name)
+            imgui.same_line()
+            w.delete_button(viewpoint.delete, name)
 
 
 def photographs_panel(photographs, settings, viewpoint, controls, fly, center, actions):
@@ -109,19 +110,6 @@ def photographs_panel(photographs, settings, viewpoint, controls, fly, center, a
     w.combo("photograph", settings.photograph, change, PHOTOGRAPHS, PHOTOGRAPH)
     if settings.photograph == "over":
         w.slider("opacity", *w.of(settings, "photo_opacity"), (0.0, 1.0), "%.2f")
-
-
-def _saved(viewpoint, actions):
-    viewpoint.new_name = w.text_field("##name", viewpoint.new_name, "a name", width=150.0)
-    imgui.same_line()
-    w.button(actions, "save_view")
-    for name in list(viewpoint.saved):
-        imgui.push_id(name)
-        if imgui.button(name):
-            viewpoint.go_to(name)
-        imgui.same_line()
-        w.delete_button(viewpoint.delete, name)
-        imgui.pop_id()
 
 
 # -- the window, and its speed -------------------------------------------------------------------
@@ -144,7 +132,18 @@ def speed_panel(settings, radiance, times, ctx):
     for line in shown_lines(radiance, times):
         imgui.text_disabled(line)
         imgui.set_item_tooltip(SHOWN_TOOLTIP)
-    _times(settings, radiance, times, ctx)
+    frames = 1e3 * np.array(times.frames, np.float32)
+    text = f"{1e3 * times.frame_seconds():.1f} ms a frame"
+    imgui.plot_lines("##frames", frames, 0, text, scale_min=0.0, graph_size=(-1.0, 40.0))
+    _rows(times.means())
+    imgui.text_disabled("means of the last second")
+    w.checkbox("stages of rendering", *w.of(settings, "time_rendering"), STAGES_TOOLTIP)
+    if settings.time_rendering:
+        _rows(times.rendering)
+    imgui.text(memory_line(radiance.device))
+    renders, draws = radiance.device.name, ctx.info["GL_RENDERER"]
+    for line in (f"renders on {renders}", f"draws on {draws}", f"frames go by {radiance.path}"):
+        imgui.text_disabled(line)
 
 
 def shown_lines(image, times) -> tuple[str, str]:
@@ -159,21 +158,6 @@ def shown_lines(image, times) -> tuple[str, str]:
     if image.sample_count < 2:
         return pixels, ", ".join(["full", *slow])
     return pixels, f"full + {image.sample_count}/{image.most_samples} samples"
-
-
-def _times(settings, radiance, times, ctx):
-    frames = 1e3 * np.array(times.frames, np.float32)
-    text = f"{1e3 * times.frame_seconds():.1f} ms a frame"
-    imgui.plot_lines("##frames", frames, 0, text, scale_min=0.0, graph_size=(-1.0, 40.0))
-    _rows(times.means())
-    imgui.text_disabled("means of the last second")
-    w.checkbox("stages of rendering", *w.of(settings, "time_rendering"), STAGES_TOOLTIP)
-    if settings.time_rendering:
-        _rows(times.rendering)
-    imgui.text(memory_line(radiance.device))
-    renders, draws = radiance.device.name, ctx.info["GL_RENDERER"]
-    for line in (f"renders on {renders}", f"draws on {draws}", f"frames go by {radiance.path}"):
-        imgui.text_disabled(line)
 
 
 def _rows(seconds_of):

@@ -8,7 +8,7 @@ import math
 from contextlib import contextmanager
 from functools import partial
 
-from imgui_bundle import icons_fontawesome_6, imgui
+from imgui_bundle import icons_fontawesome_6, imgui, imgui_ctx
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 LABEL_SHARE = 0.38  # of the width, for the name before a slider or a list
@@ -19,26 +19,37 @@ def icon(name: str) -> str:
     return getattr(icons_fontawesome_6, f"ICON_FA_{name.upper()}")
 
 
-def button(actions, action, label="", tooltip="", width=0.0) -> None:
+def button(actions, action, label="", width=0.0) -> None:
     """A button that calls an action, by default with its title; its tooltip names the key."""
     if imgui.button(label or actions.title(action), (width, 0.0)):
         actions.call(action)
-    imgui.set_item_tooltip(actions.told(action, tooltip))
+    imgui.set_item_tooltip(actions.told(action))
 
 
 def buttons(actions, *names) -> None:
-    """Buttons side by side, in as many lines as they need."""
+    """Buttons side by side, in as many lines as they need; boxes for what menus check."""
     for number, name in enumerate(names):
+        is_checked = actions.input(name).is_checked
         if number:
-            beside(actions.title(name))
-        button(actions, name)
+            beside(actions.title(name), imgui.get_frame_height() * is_checked)
+        (_box if is_checked else button)(actions, name)
 
 
-def action_box(actions, action) -> None:
-    """A box with an action's title, for one that is on or off."""
+def _box(actions, action):
     title = actions.title(action)
     label, is_on = title[0].lower() + title[1:], actions.is_on(action)
     checkbox(label, is_on, lambda on: actions.call(action), actions.told(action))
+
+
+def answers(*labels, enter="") -> str:
+    """Buttons side by side; the one that is clicked, or `enter` if Enter is pressed, or empty."""
+    chosen = enter if enter and was_entered() else ""
+    for number, label in enumerate(labels):
+        if number:
+            imgui.same_line()
+        if imgui.button(label):
+            chosen = label
+    return chosen
 
 
 def delete_button(delete, name) -> None:
@@ -127,9 +138,8 @@ def text_field(label, value, hint="", width=-1.0) -> str:
 
 def checkbox(label, value, change, tooltip="") -> None:
     """A box; calls `change` with True or False when it is clicked."""
-    imgui.push_style_var(imgui.StyleVar_.frame_border_size.value, 1.0)
-    changed, value = imgui.checkbox(label, value)
-    imgui.pop_style_var()
+    with imgui_ctx.push_style_var(imgui.StyleVar_.frame_border_size.value, 1.0):
+        changed, value = imgui.checkbox(label, value)
     _tooltip(tooltip)
     if changed:
         change(value)
@@ -162,10 +172,10 @@ def section(title: str, is_open: bool = True) -> bool:
     return imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open.value * is_open)
 
 
-def beside(label: str) -> None:
-    """Go on in the same line if a button with that label fits there, else in the next one."""
+def beside(label: str, more: float) -> None:
+    """Go on in the same line if a button with that label, and more, fits there; else below."""
     style = imgui.get_style()
-    width = imgui.calc_text_size(label).x + 2.0 * style.frame_padding.x
+    width = imgui.calc_text_size(label).x + 2.0 * style.frame_padding.x + more
     right = imgui.get_item_rect_max().x + style.item_spacing.x + width
     if right < imgui.get_window_pos().x + imgui.get_window_width() - style.window_padding.x:
         imgui.same_line()

@@ -3,12 +3,12 @@
 While a model is loaded or a session plays, a window shows the progress.
 """
 
-from imgui_bundle import imgui
+from imgui_bundle import imgui, imgui_ctx
 
 from ..camera import Covered, film_frame
 from ..files import readable
 from ..loading import STAGES
-from ..parts import call, part
+from ..parts import call
 from .dialogs import dialog_window, leaving_window, recovery_window
 from .film import RECORDING_RED, film_window, progress_window, recording_line
 from .help import help_size, help_window
@@ -69,10 +69,6 @@ class Panels:
     def show(self, panel) -> None:
         """Draw a panel into the window that is being built, with what it asks for."""
         self._gui.guarded(panel, window=self._app)
-
-    def has(self, name: str) -> bool:
-        """Whether there is a part of that name in the window."""
-        return part(self._app, name) is not None
 
     # -- a frame -------------------------------------------------------------------------
 
@@ -167,10 +163,9 @@ class Panels:
 
     def _floating(self, name, place, panel, flags, covered):
         _set_place(place, covered)
-        imgui.begin(name, flags=flags)
-        self.show(panel)
-        self._gui.claim()
-        imgui.end()
+        with imgui_ctx.begin(name, flags=flags):
+            self.show(panel)
+            self._gui.claim()
 
     def _question(self, covered):
         """The window in the middle that asks something: one after another."""
