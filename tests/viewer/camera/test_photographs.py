@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -122,7 +123,7 @@ def test_beside_the_render_it_is_as_large(app, folder):
     assert app.controls.camera.focal < 0.9 * before.focal
     app.frame(0.0)
     assert (app.scene.orbit.pose == orbit.pose).all()
-    call(show_photograph, app, where="hidden")
+    call(partial(show_photograph, where="hidden"), app)
     app.frame(0.0, whole=True)
     assert app.controls.covered.right == 0.0
 

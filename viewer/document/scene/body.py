@@ -101,17 +101,13 @@ class Body(Edited):
         """How many substeps hold the material's."""
         return self._told("substeps_that_hold")
 
-    @property
-    def _told_of(self):
-        """What the solver's answers follow from: none of it is changed in place."""
-        solver = self.solver
-        return solver, solver.options, solver.material, solver.pinned, self.factors
-
     def _told(self, name):
         """What the solver's method of that name returns; it is asked once."""
-        answers = self._answers.of(self._told_of, dict)
+        solver = self.solver  # none of what its answers follow from is changed in place
+        follow_from = solver, solver.options, solver.material, solver.pinned, self.factors
+        answers = self._answers.of(follow_from, dict)
         if name not in answers:
-            answers[name] = getattr(self.solver, name)()
+            answers[name] = getattr(solver, name)()
         return answers[name]
 
     @edit("set_options", undo="{names}", merges=True)

@@ -6,8 +6,8 @@ import numpy as np
 from solids import ball, matter_where
 
 from deformrf.core.definition.networks import GEOMETRY_FEATURES, colors, geometry, sigma_from
-from deformrf.core.field import subtet_corners, unpack_mask
-from deformrf.core.field.isolation.subtet_graph import graph_of, subtet_colors
+from deformrf.core.field import subtet_colors, subtet_corners, unpack_mask
+from deformrf.core.field.isolation.subtet_graph import graph_of
 
 
 def test_each_sub_tet_inside_a_solid_touches_four():
