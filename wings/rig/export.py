@@ -13,6 +13,7 @@ Shapes: V vertices, T tets.
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ...core.deform import Material
 
 MESH_ENDINGS = ".ply", ".vtu", ".usda", ".usd", ".usdc"
+PlyElement = tuple[list[str], np.ndarray]  # lines of the header, and an array of its rows
 AXES = "x", "y", "z"
 COLORS = "red", "green", "blue"
 # Of the deformable body proposal that Newton's importer reads; usd-core has no classes for them.
@@ -80,8 +82,8 @@ def ply_bytes(
     return ply_file("deformrf coarse mesh, model space, z up", attribution, elements)
 
 
-def ply_file(comment: str, attribution: str, elements) -> bytes:
-    """Binary PLY, little endian, of elements: lines of the header and an array of rows each."""
+def ply_file(comment: str, attribution: str, elements: Sequence[PlyElement]) -> bytes:
+    """Binary PLY, little endian."""
     header = ["ply", "format binary_little_endian 1.0", f"comment {comment}"]
     header += [f"comment {attribution}"] if attribution else []
     header += [line for lines, _ in elements for line in lines] + ["end_header", ""]
@@ -103,7 +105,7 @@ def _vertices(mesh, colors):
     return lines, rows
 
 
-def ply_lists(name, ids):
+def ply_lists(name: str, ids: np.ndarray) -> PlyElement:
     """An element of `ply_file`: faces or tets [n, corners] int, all with as many corners."""
     width = ids.shape[1]
     rows = np.empty(len(ids), [("count", "u1"), ("ids", "<i4", width)])
