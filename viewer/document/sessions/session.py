@@ -108,7 +108,7 @@ def hashes_of(field: TetField) -> dict[str, str | None]:
     """What a session's start says of its model's stiffnesses and rig: SHA-256, hexadecimal."""
     told: dict[str, str | None] = dict.fromkeys(("stiffness", "rig"))
     if field.stiffness is not None:
-        told["stiffness"] = hashlib.sha256(np.asarray(field.stiffness, "<f4")).hexdigest()
+        told["stiffness"] = hashlib.sha256(np.asarray(field.stiffness, "<f4").tobytes()).hexdigest()
     if field.rig_arrays is not None:
         found = hashlib.sha256()
         for name in sorted(field.rig_arrays):
