@@ -220,7 +220,7 @@ class App:
             and self.radiance.refined == 1.0
             and not self.scene.clock.moving
             and not self.fly.on
-            and not self.recorder.wants_screenshot
+            and not self.recorder.screenshot_path
             and self.recorder.video is None
             and not self.takes.recording
         )
@@ -260,7 +260,9 @@ class App:
         if moved:
             times.passed(seconds, scene.journal.tick - tick)
         camera, transparent = controls.camera, scene.settings.transparent_screenshots
-        self.radiance.update(camera, whole or (transparent and self.recorder.wants_screenshot))
+        self.radiance.update(
+            camera, whole or (transparent and self.recorder.screenshot_path is not None)
+        )
         with times.task("draw"):
             self.draw(camera)
             if photograph is not None:
@@ -309,7 +311,7 @@ class App:
         self.radiance.draw(camera, clips)
         beside = self.controls.covered.right * self.controls.ratio * keep
         self.mesh_layer.draw(camera, clips, round(beside))
-        keep = keep and (self.recorder.video is not None or self.recorder.wants_screenshot)
+        keep = keep and (self.recorder.video is not None or self.recorder.screenshot_path)
         if keep and not settings.handles_in_clips:
             self._record_view()
         self._draw_marks(camera, clips)
@@ -334,7 +336,7 @@ class App:
         """The canvas has the view, and no panel yet: keep it if a video or picture wants it."""
         self.recorder.add_frame()
         settings = self.scene.settings
-        if settings.transparent_screenshots and self.recorder.wants_screenshot:
+        if settings.transparent_screenshots and self.recorder.screenshot_path:
             image = without_background(self.radiance.color_image(), settings.background)
             self.recorder.save_screenshot(image)
         elif self.gui is None or not settings.panel_in_screenshots:

@@ -283,17 +283,15 @@ class Gui:
         """
         state = imgui.internal.ErrorRecoveryState()
         imgui.internal.error_recovery_store_state(state)
+        # What an error leaves open is closed in `with` statements, and then here.
+        self._io.config_error_recovery_enable_assert = False
         try:
             if window is None:
                 panel()
             else:
                 call(panel, window)
         except Exception as error:
-            self._io.config_error_recovery_enable_assert = False  # to close what it opened
-            try:
-                imgui.internal.error_recovery_try_to_recover_state(state)
-            finally:
-                self._io.config_error_recovery_enable_assert = True
+            imgui.internal.error_recovery_try_to_recover_state(state)
             message = f"{panel.__name__} failed: {error}"
             imgui.text_wrapped(message)
             if self.log_file is not None:
@@ -301,6 +299,8 @@ class Gui:
             if message not in self._failed:
                 self._failed.add(message)
                 log.exception(message)
+        finally:
+            self._io.config_error_recovery_enable_assert = True
 
     def end(self) -> None:
         """Draw the panels into the framebuffer in use."""

@@ -35,8 +35,10 @@ class StageTimer:
             self._events.append((seconds, name, first, last))
         else:
             start = time.perf_counter()
-            yield
-            self._add(seconds, name, time.perf_counter() - start)
+            try:
+                yield
+            finally:
+                self._add(seconds, name, time.perf_counter() - start)
 
     def collect(self):
         """Wait for the recorded events; add their times to the dict that they were recorded for."""

@@ -208,13 +208,19 @@ def test_a_press_beside_the_panel_ends_the_entry_of_text(panel):
     assert panel.seen == ["press", "key"]
 
 
-def test_a_panel_that_fails_says_so_and_is_tried_again(panel, caplog, monkeypatch):
-    from imgui_bundle import imgui
+@pytest.mark.parametrize("in_child", [False, True])
+def test_a_panel_that_fails_says_so_and_is_tried_again(panel, caplog, monkeypatch, in_child):
+    from imgui_bundle import imgui, imgui_ctx
 
     said, broken = [], [True]
     monkeypatch.setattr(imgui, "text_wrapped", said.append)
 
     def faulty_panel():
+        if broken and in_child:
+            with imgui_ctx.begin_child("ended by the error"):
+                imgui.begin_disabled()
+                imgui.push_id("never popped")
+                raise KeyError("no such thing")
         if broken:
             imgui.begin_table("never ended", 2)
             imgui.push_id("never popped")

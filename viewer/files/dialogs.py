@@ -52,15 +52,19 @@ class FileDialog:
     def enter(self, folder: Path) -> None:
         """Show another folder, if it can be read."""
         try:
-            names = [name for name in os.listdir(folder) if not name.startswith(".")]
+            with os.scandir(folder) as found:  # which knows kinds; to ask for each takes ten times
+                entries = [(entry.name, _is_folder(entry)) for entry in found]
         except OSError as error:
             self.problem = f"can't read {folder}: {error.strerror or error}"
             return
         self.problem = ""
         self.folder = folder
         self.text = readable(folder / self.name)
-        entries = [(name, os.path.isdir(folder / name)) for name in names]
-        shown = [one for one in entries if one[1] or one[0].lower().endswith(self.endings)]
+        shown = [
+            (name, is_folder)
+            for name, is_folder in entries
+            if not name.startswith(".") and (is_folder or name.lower().endswith(self.endings))
+        ]
         shown.sort(key=lambda entry: (not entry[1], entry[0].lower()))
         self.entries = shown[:MOST_SHOWN]
 
@@ -102,6 +106,13 @@ class FileDialog:
             return False
         self.problem = self._chosen(path)
         return not self.problem
+
+
+def _is_folder(entry):
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
 
 
 def has_native_dialogs() -> bool:

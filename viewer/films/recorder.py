@@ -29,7 +29,7 @@ class Recorder:
         self.failed = False  # whether a file was lost
         self._canvas, self._log, self._fps = canvas, log, fps
         self._said = 0.0, ""  # when, and what
-        self.wants_screenshot: Path | None = None  # where the frame that is being drawn is kept
+        self.screenshot_path: Path | None = None  # where the frame that is being drawn is kept
 
     @property
     def message(self) -> str:
@@ -39,7 +39,7 @@ class Recorder:
 
     def screenshot(self, path: Path | None = None) -> None:
         """Keep the next frame; by default in the current folder, named by date and time."""
-        self.wants_screenshot = path or stamped("deformrf", ".png")
+        self.screenshot_path = path or stamped("deformrf", ".png")
 
     def start(
         self,
@@ -101,7 +101,7 @@ class Recorder:
 
     def save_screenshot(self, image=None) -> None:
         """Write an image, by default the canvas as it is now, if a screenshot is wanted."""
-        path, self.wants_screenshot = self.wants_screenshot, None
+        path, self.screenshot_path = self.screenshot_path, None
         if path is not None:
             self._write(path, save_png, path, self._canvas.read() if image is None else image)
 

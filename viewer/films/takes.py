@@ -126,7 +126,8 @@ class Takes:
         if self.problem:
             self._filmed.recorder.say(self.problem)
 
-    def _start(self):
+    def _start(self) -> str:
+        """Begin the film; returns a sentence if that can't be."""
         choices, why_not = self.choices, self.why_not(self.choices.what)
         if not Path(choices.name).name:  # as of "/"
             return "a film needs a name"

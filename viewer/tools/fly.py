@@ -49,6 +49,8 @@ class Fly:
 
     def begin(self) -> None:
         """The mouse and some keys are the flight's from now on; rays are not parallel."""
+        if self.on:
+            return
         self._controls.cancel()
         scene = self._scene
         scene.handles.hover = None
