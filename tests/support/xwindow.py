@@ -13,6 +13,9 @@ from pathlib import Path
 import numpy as np
 
 NEEDED = ("Xvfb", "xdotool")
+PATIENCE = (
+    4  # times what is usual: on a machine that does other things too, letters take a frame each
+)
 WATCHED = Path(__file__).with_name("watched_viewer.py")
 
 
@@ -98,6 +101,8 @@ class LiveViewer:
         return self.state()
 
     def wait(self, condition, seconds, what):
+        """What the condition comes to, when it does: usually in so many seconds."""
+        seconds *= PATIENCE
         end = time.monotonic() + seconds
         while not (value := condition()):
             assert self.process.poll() is None, self._log.read_text()[-2000:]
