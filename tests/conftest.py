@@ -55,7 +55,10 @@ def pytest_report_header():
 
 @pytest.fixture(autouse=True)
 def own_signals():
-    """No test's end leaves to the next what commands set: at theirs, SIGINT ends the process."""
+    """Give back the handlers of signals that a test's commands set.
+
+    When a command is over, SIGINT ends its process: the next test's would be a worker's end.
+    """
     names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {name: signal.getsignal(getattr(signal, name)) for name in names}
     signal.signal(signal.SIGINT, signal.default_int_handler)  # shells may have it ignored

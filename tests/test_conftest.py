@@ -1,6 +1,7 @@
 """What conftest.py decides for all tests: who needs a window, and which numbers are random."""
 
 import os
+import signal
 import zlib
 from pathlib import Path
 
@@ -49,3 +50,12 @@ def test_random_numbers_depend_on_the_seed_and_the_name_of_the_test():
     for expected in (first, second):
         drawn = np.random.default_rng().integers(2**60)
         assert drawn == np.random.default_rng(expected).integers(2**60)
+
+
+@pytest.mark.parametrize("turn", [1, 2])
+def test_a_signal_s_handler_ends_with_the_test_that_set_it(turn):
+    """The second turn fails if the first one's is left; as a command's end does, see entry.py."""
+    assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) != signal.SIG_IGN
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)

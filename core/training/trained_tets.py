@@ -4,14 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..field import (
-    TetField,
-    pack_mask,
-    reduced,
-    subtet_colors,
-    subtet_middles,
-    unpack_mask,
-)
+from ..field import TetField, pack_mask, reduced, subtet_colors, subtet_middles, unpack_mask
 from ..geometry import (
     Plane,
     TetMesh,
@@ -35,11 +28,12 @@ POINTS = 2  # of surfaces, in a tet that is kept for them
 # Edges of a sub-tet: what is lower over the ground is the ground's; what is lower than LOW is the
 # object's only if something thick is ABOVE it, up to ASIDE beside it.
 CLEARANCE, LOW, ABOVE, ASIDE = 0.6, 2.2, 4.4, 1.5
-# Down to DEEP below the ground, what is UNDER the object, or farther aside of it by less, may be a
-# foot's.  It is if its color is nearer to that of the object's NEXT sub-tets than to that of
-# AROUND ones of the ground, at least BESIDE, by a factor of NEARER.
-DEEP, UNDER, NEXT, AROUND, BESIDE, NEARER = 0.35, 0.3, 4, 12, 2.0, 0.25
-TELLS = 0.05  # apart, 0..1: nearer colors tell nothing
+# Edges, too: what lies less than DEEP below the ground, and less than UNDER beside what is above,
+# may be a foot's; what is farther than BESIDE from all that is above is the ground's.
+DEEP, UNDER, BESIDE = 0.35, 0.3, 2.0
+# A foot's color is more than TELL (of 1) away from the mean of the nearest GROUND sub-tets of the
+# ground, and less than NEARER times as far from that of the nearest FOOT ones of the object.
+FOOT, GROUND, NEARER, TELL = 4, 12, 0.25, 0.05
 
 
 def boxed(mesh: TetMesh, box, spacing) -> TetMesh:
@@ -141,7 +135,7 @@ def object_alone(field: TetField, densities, box, ground: Plane | None) -> TetFi
         matter &= heights > CLEARANCE * edge
         matter[matter] = carried(places[matter], thick[matter], ground, edge)
         above = matter & thick & (heights < LOW * edge)
-        matter[low] = feet(field, low, above, ground, edge)
+        matter[low] = feet(field, places, low, above, ground, edge)
         is_ground = (heights < CLEARANCE * edge).all(axis=1) & ~matter.any(axis=1)
     occupied = matter.any(axis=1)
     if not occupied.any():
@@ -207,38 +201,39 @@ def carried(places, thick, ground: Plane, edge):
     return stays
 
 
-def feet(field: TetField, low, above, ground: Plane, edge) -> np.ndarray:
-    """Which sub-tets at the ground have the color of what stands on them.  [n] bool
+def feet(field: TetField, places, low, above, ground: Plane, edge) -> np.ndarray:
+    """Which of the n sub-tets at the ground have the color of what stands there.  [n] bool
 
-    The ground's surface is learned about a sub-tet thick, with the end of a foot in it.
+    Training learns the ground's surface about a sub-tet thick, and the end of a foot lies in it.
 
     Args:
-        low: Which n are at the ground, and more than fog.  [T, 64] bool
-        above: Which are the object's just above, and more than fog.  [T, 64] bool
-        edge: Their edges' length.
+        places: The middles of all sub-tets.  [T, 64, 3]
+        low: Which n lie at the ground, and are more than fog.  [T, 64] bool
+        above: Which lie just above, are the object's, and more than fog.  [T, 64] bool
+        edge: The length of a sub-tet's edges.
     """
     from scipy.spatial import cKDTree
 
     def colors(mask, some):
         return subtet_colors(field, *(ids[some] for ids in np.nonzero(mask)))
 
-    places = subtet_middles(field.mesh)
-    own, carries = places[low], places[above]
-    if not len(own) or not len(carries):
-        return np.zeros(len(own), bool)
-    flat, over = (p - ground.height(p)[:, None] * ground.normal for p in (own, carries))
+    own, objects = places[low], places[above]
+    is_foot = np.zeros(len(own), bool)
+    if not len(own) or not len(objects):
+        return is_foot
+    flat, over = (p - ground.height(p)[:, None] * ground.normal for p in (own, objects))
     aside = cKDTree(over).query(flat)[0]
     under, beside = np.flatnonzero(aside < UNDER * edge), aside > BESIDE * edge
-    if not len(under) or np.count_nonzero(beside) < AROUND:
-        return np.zeros(len(own), bool)
-    count = min(NEXT, len(carries))
-    next_to = cKDTree(carries).query(own[under], k=[*range(1, count + 1)])[1]
-    around = cKDTree(own[beside]).query(own[under], k=AROUND)[1]
-    objects = colors(above, slice(None))[next_to].mean(axis=1)
-    grounds = colors(low, beside)[around].mean(axis=1)
-    color, is_foot = colors(low, under), np.zeros(len(own), bool)
-    away, other = (np.linalg.norm(color - c, axis=1) for c in (objects, grounds))
-    is_foot[under] = (other > TELLS) & (away < NEARER * other)
+    if not len(under) or np.count_nonzero(beside) < GROUND:
+        return is_foot
+    count = min(FOOT, len(objects))
+    near = cKDTree(objects).query(own[under], k=[*range(1, count + 1)])[1]
+    around = cKDTree(own[beside]).query(own[under], k=GROUND)[1]
+    of_object = colors(above, slice(None))[near].mean(axis=1)
+    of_ground = colors(low, beside)[around].mean(axis=1)
+    color = colors(low, under)
+    away, other = (np.linalg.norm(color - c, axis=1) for c in (of_object, of_ground))
+    is_foot[under] = (other > TELL) & (away < NEARER * other)
     return is_foot
 
 

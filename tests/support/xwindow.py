@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 NEEDED = ("Xvfb", "xdotool")
-PATIENCE = (
-    4  # times what is usual: on a machine that does other things too, letters take a frame each
-)
+# Times what is usual: on a machine that does other things too, each letter takes a slow frame.
+PATIENCE = 4
 WATCHED = Path(__file__).with_name("watched_viewer.py")
 
 
