@@ -43,8 +43,8 @@ class TrainOptions:
             where samples have colors.
         color_depth: Number of these layers, two where samples have colors.
         distortion: Weight of the distortion loss (the paper's 1e-2).
-        table_decay: Weight of the squares of features, see loss.py, where features outnumber
-            what photographs show; against noise.
+        table_decay: Weight of the squares of features, times the number of pixels that are
+            drawn from, see loss.py; against noise.
         leave_out: What of the method that this scene is learned without, of LEAVE_OUT:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "isolation": what it stands and leans on isn't cut off (meant.py);
@@ -72,7 +72,7 @@ class TrainOptions:
     color_width: int = 256
     color_depth: int = 3
     distortion: float = 1e-2
-    table_decay: float = 5e-7
+    table_decay: float = 0.1
     leave_out: tuple[str, ...] = ()
     seed: int = 0
 

@@ -298,8 +298,6 @@ class _Run:
         self.stage, self.field, self.optimization = stage, field, optimization
         history = History(self.report["history"], stage, step_count, self._seconds)
         optimization.run(self.progress, f"stage {stage}", self._pause, history.note)
-        if stage == 2:
-            self.report["table_decay"] = optimization.table_decay
         self.report["returns"] = self.report.get("returns", 0) + optimization.returns
         self._note_memory()
 

@@ -150,11 +150,7 @@ def meets_kernel(bank: Bank, low: wp.vec3, high: wp.vec3, meets: wp.array(dtype=
 
 
 class RayBank:
-    """Draws pixels of a data set; DatasetError if these are more than an array can index.
-
-    Attributes:
-        object_pixel_count: Pixels that may be drawn and are not wholly transparent, or a few more.
-    """
+    """Draws pixels of a data set; DatasetError if these are more than an array can index."""
 
     def __init__(self, dataset: Dataset, world_to_model, device):
         check_pixel_count([(lens.width, lens.height) for lens in dataset.lenses])
@@ -171,10 +167,6 @@ class RayBank:
             self.bank.first_pixels = wp.array(dataset.first_pixels.astype(np.int32), dtype=int)
             self.bank.cameras = wp.array(cameras, dtype=DeviceCamera)
             self.bank.pool = wp.empty(0, dtype=int)
-        # View by view: all pixels may be most of the memory.
-        views = pairwise(dataset.first_pixels)
-        counts = [np.count_nonzero(dataset.pixels[start:end, 3]) for start, end in views]
-        self.object_pixel_count = int(sum(counts))
 
     def draw_from(self, box=None, shares=None, others=0.0, untold=None):
         """Draw only some pixels from now on; all, if none of these is left.
@@ -196,22 +188,26 @@ class RayBank:
             chosen = meets.numpy() > 0
         met = max(np.count_nonzero(chosen), 1)
         aside = others / (1.0 - others) * met / max(self.pixel_count - met, 1)
-        rng, count = np.random.default_rng(0), 0
+        rng, is_any = np.random.default_rng(0), False
         for view, (start, end) in enumerate(pairwise(self.bank.first_pixels.numpy())):
             meets = chosen[start:end]
             chances = np.where(meets, 1.0, aside) * (1.0 if shares is None else shares[view])
             drawn = rng.random(end - start) < chances
             if untold is not None:
                 drawn &= ~untold[start:end]
-            count += np.count_nonzero(drawn & meets)
+            is_any |= bool((drawn & meets).any())
             meets[:] = drawn
-        pixels = np.flatnonzero(chosen if count else []).astype(np.int32)
-        self.object_pixel_count = min(self.object_pixel_count, count or self.pixel_count)
+        pixels = np.flatnonzero(chosen if is_any else []).astype(np.int32)
         self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
 
     @property
     def pixel_count(self) -> int:
         return len(self.bank.pixels)
+
+    @property
+    def drawn_pixel_count(self) -> int:
+        """Of the pixels that are drawn from."""
+        return len(self.bank.pool) or self.pixel_count
 
     def draw(self, seed, drawn: Drawn, chosen=None, limits=None):
         """Fill with random rays; the same seed (int [1] on the device) and limits draw the same.

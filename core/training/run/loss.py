@@ -11,9 +11,9 @@ from 0 and 1 lies within ±8.  Colors of samples and of surroundings have no suc
 networks are narrow.
 
 Table decay reduces noise: fine levels also fit differences between photographs that are not
-texture.  If the object's pixels have more than twice as many color values as there are features
-that occupied sub-tets reach, noise matters little, and the term would only cost detail:
-`needed_decay`.  Only the gradient of this term is computed: `add_table_decay`.
+texture.  It is a normal prior of the features (Bishop 2006, Eq. 1.67).  The error is a mean over
+pixels, the decay a sum over features, so a prior's weight is divided by the number of pixels.  Only
+the gradient of this term is computed: `add_table_decay`.
 """
 
 import torch
@@ -74,21 +74,11 @@ def training_loss(
     return loss if field.exposure is None else loss + field.exposure.cost(), error
 
 
-def needed_decay(weight: float, pixel_count: int, feature_count: int) -> float:
-    """The table decay for so many pixels of the object, of three numbers each, and features.
-
-    It is the whole weight up to one number a feature, and 0 from two.  That was measured:
-    docs/trials.md, Against noise.
-    """
-    return weight * min(max(2.0 - 3.0 * pixel_count / max(feature_count, 1), 0.0), 1.0)
-
-
 @torch.no_grad()
-def add_table_decay(gradient, field: TrainingField, weight):
-    """Add the gradient of the table's decay, of a weight torch [1], to `gradient`.  [entries, F]"""
+def add_table_decay(gradient, field: TrainingField, weight: float):
+    """Add the gradient of the table's decay to `gradient`.  [entries, F]"""
     entries, offsets = field.entries(), field.layout.offsets
     level_count = field.layout.level_count
     for level in range(level_count):
         of_level = slice(offsets[level], offsets[level + 1])
-        share = 4.0 ** (level + 1 - level_count)
-        gradient[of_level].addcmul_(entries[of_level], weight, value=share)
+        gradient[of_level].add_(entries[of_level], alpha=weight * 4.0 ** (level + 1 - level_count))

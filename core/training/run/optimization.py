@@ -22,7 +22,7 @@ from . import recorded_steps
 from .adam import Adam, learning_rate, rate_groups
 from .batch import Batch
 from .checkpoint_checks import checked_scale
-from .loss import add_table_decay, needed_decay, training_loss
+from .loss import add_table_decay, training_loss
 from .memory import ALLOCATION_ERRORS, give_memory_back, halved, memory_name
 from .monitoring import Diverged, LossWatch, TrainingProgress
 from .peer_exchange import make_exchange
@@ -44,7 +44,6 @@ RAY_SPACE = 1.5  # times the rays of a step that graphs are recorded for, so tha
 LEAST_USED = 0.25  # of that; with fewer rays new graphs are recorded
 FILLED = 0.9  # share of a step's space for samples that the number of rays aims at
 SMALLEST_SPACE = 1 << 13  # samples a step; with fewer, training would take hours
-COUNTS = 8  # times that the features in use are counted
 SEED_STRIDE = 15_485_863  # a prime: runs of a million steps stay apart
 RECORDING_SEED = 1 << 28  # the runs before a recording see rays of their own
 RECORDING_RUNS = 3  # before a graph is recorded: libraries choose their kernels there
@@ -78,14 +77,14 @@ class Optimization:
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
+        decay = 0.0 if "table-decay" in options.leave_out else options.table_decay
+        self.table_decay = decay / bank.drawn_pixel_count
         self.samples_per_step = options.samples_per_step
         self.number = 0
         # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
         self._white = torch.zeros(1, device=device)
-        self._decay = torch.zeros(1, device=device)  # times LOSS_SCALE
-        self._count_features(field.table.numel())
         self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
         self._exchange = make_exchange(field, self.error) if several else None
@@ -132,8 +131,6 @@ class Optimization:
                     1 if self.number < OCCUPANCY_WARM_UP else OCCUPANCY_TURNS
                 )
                 self._average_weights()
-                if self.table_decay and self.number >= self._counts_at:
-                    self._count_features(self.field.reached_features())
                 self._adapt_ray_count(self._examine(progress, task, note))
                 after_pause()
                 self.workers.stop_if_interrupted()
@@ -150,16 +147,6 @@ class Optimization:
         self._average_weights()
         self.field.set_weights(self._whole_average())
 
-    def _count_features(self, count: int):
-        """Let the table decay as so many features need; they are counted COUNTS times a stage.
-
-        What is empty is found in the first steps.  Then fewer features are reached.
-        """
-        options = self.options
-        weight = 0.0 if "table-decay" in options.leave_out else options.table_decay
-        self.table_decay = needed_decay(weight, self.bank.object_pixel_count, count)
-        self._counts_at = self.number + self.step_count // COUNTS
-
     def step(self, rate: float, white: bool):
         """Do one step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
@@ -175,16 +162,6 @@ class Optimization:
         else:
             self._draw_and_learn(self._batches[0], self.number)
         self.number += 1
-
-    @property
-    def table_decay(self) -> float:
-        """The weight of the table's decay, which may fall during a stage."""
-        return self._table_decay
-
-    @table_decay.setter
-    def table_decay(self, weight: float):
-        self._table_decay = weight
-        self._decay.fill_(LOSS_SCALE * weight)  # a graph reads it
 
     @property
     def returns(self) -> int:
@@ -241,7 +218,7 @@ class Optimization:
         parameters = self.field.parameters()
         gradients = torch.autograd.grad(loss * LOSS_SCALE, parameters)
         if self.table_decay:
-            add_table_decay(gradients[0], self.field, self._decay)
+            add_table_decay(gradients[0], self.field, self.table_decay * LOSS_SCALE)
         self.error.copy_(error.detach())
         if self._exchange:
             self._exchange.collect(gradients, batch.pixels_tried())
@@ -365,7 +342,6 @@ class Optimization:
                 "ray_count": self.ray_count,
                 "samples_per_step": self.samples_per_step,
                 "returns": (self._watch.returns, self._watch.returned_at),
-                "decay": (self.table_decay, self._counts_at),
             },
             "stage": self.field.state(),
             "average": self._whole_average(),
@@ -392,8 +368,6 @@ class Optimization:
         self.optimizer.load(moments, LOSS_SCALE / checked_scale(scale))
         self.number = step["number"]
         self._watch.load(*step.get("returns", (0, 0)), self.number)
-        decay, self._counts_at = step.get("decay", (self.table_decay, 0))
-        self.table_decay = min(max(decay, 0.0), self.table_decay)
         self.samples_per_step = step["samples_per_step"]
         self.set_ray_count(step["ray_count"])
         self._limits.load(limits)

@@ -25,7 +25,6 @@ from ...field import (
     TorchNetworks,
     make_tables,
     random_field,
-    reached_entries,
     subtet_corners,
     subtet_middles,
     subtet_of,
@@ -367,10 +366,6 @@ class TrainingField:
             enabled=self.device.is_cuda,
             cache_enabled=False,  # a CUDA graph has to see the weights' conversion
         )
-
-    def reached_features(self) -> int:
-        """How many features occupied sub-tets reach."""
-        return FEATURES * int(reached_entries(self.mesh, self.layout, self.mask.numpy()).sum())
 
     def refresh_mask(self):
         bits = torch.arange(SUBTET_COUNT, device=self.torch_device)

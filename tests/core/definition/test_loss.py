@@ -84,7 +84,7 @@ def test_the_tables_decay_has_the_gradient_that_training_adds():
     """It is quadratic, so differences over any step are exact."""
     field = stage_of(True, 0.0).field
     gradient = torch.zeros_like(field.table)
-    add_table_decay(gradient, field, torch.tensor([0.3], device=gradient.device))
+    add_table_decay(gradient, field, 0.3)
     entries, offsets = field.table.detach().double().numpy(), field.layout.offsets
 
     def cost(rows):

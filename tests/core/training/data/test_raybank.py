@@ -115,14 +115,16 @@ def test_of_other_rays_a_share_is_drawn_as_well(device):
     dataset, box = views(), np.array([[0.45, 0.4, 0.42], [0.6, 0.55, 0.5]])
     bank = RayBank(dataset, world_to_unit_cube(dataset, radius=1.5), device)
     bank.draw_from(box)
-    alone, count = bank.bank.pool.numpy(), bank.object_pixel_count
+    alone, count = bank.bank.pool.numpy(), bank.drawn_pixel_count
     bank.draw_from(box, others=0.5)
     pool = bank.bank.pool.numpy()
-    assert bank.object_pixel_count == count == len(alone) and np.isin(alone, pool).all()
+    assert count == len(alone) and np.isin(alone, pool).all()
+    assert bank.drawn_pixel_count == len(pool)
     # The others are binomial with mean `count` and less than its deviation.
     assert abs(len(pool) - 2 * count) < 6 * np.sqrt(count)
     bank.draw_from(box, shares=[0.0] * 3, others=0.5)
     assert len(bank.bank.pool) == 0, "all, if none is left"
+    assert bank.drawn_pixel_count == bank.pixel_count
     bank.draw_from(box, others=0.999)
     assert len(bank.bank.pool) == bank.pixel_count
 

@@ -16,7 +16,6 @@ from deformrf.core.training.run import memory, monitoring, optimization
 from deformrf.core.training.run.adam import learning_rate
 from deformrf.core.training.run.batch import looks
 from deformrf.core.training.run.distributed import Workers
-from deformrf.core.training.run.loss import needed_decay
 from deformrf.core.training.run.monitoring import Diverged, TrainingProgress
 from deformrf.core.training.run.optimization import Optimization
 from deformrf.core.training.run.training_field import TrainingField
@@ -66,33 +65,14 @@ def test_features_decay_more_at_finer_levels_and_no_other_weight(run):
         assert torch.equal(mine, other)
 
 
-def test_features_decay_where_they_outnumber_what_photographs_show(run):
-    """All of the 4 · 8 · 8 pixels show the object: 768 numbers."""
-    assert run.bank.object_pixel_count == 4 * 64
-    features = run.field.table.numel()
-    assert needed_decay(1.0, features // 3, features) == pytest.approx(1.0, abs=0.01)
-    assert needed_decay(1.0, features // 2, features) == pytest.approx(0.5, abs=0.01)
-    assert needed_decay(1.0, features, features) == 0.0
-    assert run.table_decay == needed_decay(OPTIONS.table_decay, 256, features) > 0.0
+def test_features_decay_by_the_number_of_pixels(run):
+    """4 · 8 · 8 of them."""
+    assert run.table_decay == pytest.approx(OPTIONS.table_decay / 256)
+    run.bank.draw_from(shares=[1.0, 0.0, 0.0, 0.0])
+    fewer = Optimization(run.field, run.bank, OPTIONS, run.has_alpha, 1, 1.0)
+    assert fewer.table_decay == pytest.approx(OPTIONS.table_decay / 64)
     without = replace(OPTIONS, leave_out=("table-decay",))
     assert Optimization(run.field, run.bank, without, run.has_alpha, 1, 1.0).table_decay == 0.0
-
-
-def test_features_that_nothing_occupied_reaches_are_not_counted(run):
-    """So features decay less, the emptier the space is found to be."""
-    features = run.field.reached_features()
-    assert features == run.field.table.numel()
-    occupied = run.field.occupied.clone()
-    occupied[1:] = False
-    run.field.set_occupancy(run.field.thickness, occupied)
-    run.field.refresh_mask()
-    count = run.field.reached_features()
-    assert 0 < count < 0.5 * features
-    before = run.table_decay
-    run._count_features(count)
-    pixels = run.bank.object_pixel_count
-    assert run.table_decay == needed_decay(OPTIONS.table_decay, pixels, count) < before
-    assert float(run._decay) == pytest.approx(optimization.LOSS_SCALE * run.table_decay)
 
 
 def test_the_learning_rate_warms_up_and_falls_along_a_cosine(run):
