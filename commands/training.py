@@ -515,6 +515,6 @@ def summary(trained, path: Path, scores: dict) -> str:
     if below := trained.report.get("levels_below_pixel"):
         text += (
             f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "
-            f"pixel of the training images and could be left out: {', '.join(map(str, below))}"
+            f"pixel of the training images: {', '.join(map(str, below))}"
         )
     return text
