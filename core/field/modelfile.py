@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.archive import one_sentence, open_archive, unpacked_limit
-from ..base.paths import program_version, whole_file
+from ..base.paths import is_project, program_version, whole_file
 from ..base.schema import (
     FileError,
     array,
@@ -170,6 +170,10 @@ def load(path: str | Path, content: bytes | None = None) -> TetField:
         one_sentence(path, foreseen=FileError, kind=ModelFileError),
         open_archive(path, "model file", content) as arrays,
     ):
+        check(
+            content is not None or not is_project(path),
+            "it is a project, which only `view` and `render` open: give the model itself",
+        )
         return _build(arrays)
 
 

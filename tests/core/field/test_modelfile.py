@@ -303,6 +303,13 @@ def test_a_file_that_says_nothing_of_dense_levels_has_them(path, field):
     assert loaded.layout.entry_counts == field.layout.entry_counts
 
 
+def test_a_project_is_named_as_one(path):
+    project = path.rename(path.with_suffix(".deformrf"))
+    with pytest.raises(ModelFileError, match="it is a project, which only `view`"):
+        modelfile.load(project)
+    modelfile.load(project, project.read_bytes())
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
