@@ -101,7 +101,7 @@ PRESETS = {
     ),
     "tiny": TrainOptions(
         spacing=0.04,
-        coarse_steps=150,
+        coarse_steps=300,
         fine_steps=600,
         level_count=4,
         table_size_log2=16,
