@@ -48,6 +48,7 @@ def test_a_fresh_run_says_that_it_replaces_an_interrupted_one(call, trainer, dat
         assert (told and "m.checkpoint" in first[0]) == announced
 
 
+TINY_STEPS = preset("tiny").coarse_steps + preset("tiny").fine_steps
 WORDS = {
     "nothing": [],
     "preset": ["--preset", "fast"],
@@ -110,7 +111,7 @@ def test_isolation_can_still_be_left_out(call, trainer, data, tmp_path, before, 
         (["--steps", 9], {}, "drop --steps"),
         (["--seed", 4], {}, "drop --seed"),
         (["--preset", "fast"], {}, "drop --preset"),
-        (["--preset", "fast", "--steps", 750], {}, "drop --preset"),
+        (["--preset", "fast", "--steps", TINY_STEPS], {}, "drop --preset"),
         (["--scene-radius", 2], {}, "drop --scene-radius"),
         (["--spacing", 0.07], {}, "drop --spacing"),
         (["--aabb", 0, 0, 0, 1, 1, 1], {}, "drop --aabb"),
