@@ -4,7 +4,7 @@ A folder has `images/` and one or several models.  Models are in `sparse/` or `c
 in subfolders of these (`sparse/0/`, `sparse/1/`, ...); a single model may also lie beside
 `images/`.  Of several models, the reader takes the one with the most images that exist.  Every
 eighth image, in the order of the names, is a test image.  A reconstruction has no vertical axis of
-its own, so the reader turns the world until `up_of` its cameras (views.py) is +z.
+its own, so the reader turns the world until the mean up direction of the cameras is +z.
 """
 
 import os
@@ -19,7 +19,7 @@ from .colmap_files import read_points as points_of
 from .errors import DatasetError
 from .foreign_paths import FoundFiles, find_files
 from .posed_images import Listing, PosedImage, check_shape, checked_lens, from_opencv, is_of_split
-from .views import up_of, upright
+from .views import upright
 
 # Where each model has fx, fy, cx, cy, k1, k2, p1, p2 among its parameters; None is zero.
 PARAMETERS = {
@@ -173,9 +173,9 @@ def camera_of(model: Reconstruction, image: Registered) -> ColmapCamera:
 
 
 def turn_upright(poses):
-    """The rotation of the world that takes what is up for the cameras to +z.  [4, 4]"""
+    """The rotation of the world that takes the cameras' mean up direction to +z.  [4, 4]"""
     turn = np.eye(4)
-    turn[:3, :3] = upright(up_of(poses))
+    turn[:3, :3] = upright(np.mean(poses[:, :3, 1], axis=0))
     return turn
 
 
