@@ -13,7 +13,7 @@ from deformrf.commands.evaluate import print_report
 from deformrf.core.field import FieldOptions, modelfile, random_field
 from deformrf.core.geometry import a15_grid, tet_neighbours
 from deformrf.core.render import Renderer, from_field_of_view, look_at, pinhole
-from deformrf.core.training import evaluate, evaluation
+from deformrf.core.training import UNTOLD, evaluate, evaluation
 from deformrf.core.training.run.surroundings import LearnedSurroundings, random_surroundings
 
 SIZE = 16
@@ -121,6 +121,24 @@ def test_scores_of_a_constant_error(fake, field):
     assert report["mean"]["psnr"] == pytest.approx(-20 * np.log10(error), abs=1e-4)
     assert report["mean"]["alpha_error"] == pytest.approx(0.2)
     assert [view["name"] for view in report["views"]] == ["a", "b", "c"]
+
+
+def test_pixels_of_which_masks_tell_nothing_are_left_out(fake, field):
+    """They would be white background; without masks an opacity of 1/255 is one."""
+    views = constant_views((51, 51, 51, 204))
+    untold = np.arange(len(views.pixels)) % SIZE < SIZE // 2
+    views.pixels[untold] = (250, 250, 250, UNTOLD)
+    plain = evaluate(field, views)["mean"]
+    masked = evaluate(field, replace(views, masked=True))["mean"]
+    error = 0.2 * 0.8 + 0.2
+    for name in ("psnr", "psnr_one_ray"):
+        assert masked[name] == pytest.approx(-20 * np.log10(error), abs=1e-4)
+        assert plain[name] < masked[name] - 3.0
+    assert masked["alpha_error"] == pytest.approx(0.2) != plain["alpha_error"]
+    assert masked["ssim"] > 100.0 * plain["ssim"]
+    views.pixels[:, 3] = UNTOLD
+    nothing = evaluate(field, replace(views, masked=True))["mean"]
+    assert nothing["psnr"] is None and nothing["alpha_error"] is None
 
 
 def test_equal_images_have_no_psnr_in_json(fake, field, tmp_path):
