@@ -93,10 +93,12 @@ def camera_panel(viewpoint, settings, actions):
     w.button(actions, "save_view")
     for name in list(viewpoint.saved):
         with imgui_ctx.push_id(name):
-            if imgui.button(name):
-                viewpoint.go_to(name)
-            imgui.same_line()
             w.delete_button(viewpoint.delete, name)
+            imgui.same_line()
+            room = imgui.get_content_region_avail().x - 2.0 * imgui.get_style().frame_padding.x
+            if imgui.button(w.fitting(name, room)):
+                viewpoint.go_to(name)
+            imgui.set_item_tooltip(name)
 
 
 def photographs_panel(photographs, settings, viewpoint, controls, fly, center, actions):

@@ -5,6 +5,7 @@ name before it, so that both can be read.
 """
 
 import math
+from bisect import bisect
 from contextlib import contextmanager
 from functools import partial
 
@@ -12,6 +13,8 @@ from imgui_bundle import icons_fontawesome_6, imgui, imgui_ctx
 
 LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 LABEL_SHARE = 0.38  # of the width, for the name before a slider or a list
+MOST_LABEL_SHARE = 0.6  # for a longer name
+DOTS = "..."
 
 
 def icon(name: str) -> str:
@@ -65,12 +68,26 @@ def named(label):
     if not shown:
         return label
     imgui.align_text_to_frame_padding()
-    imgui.text_disabled(shown)
+    cut = fitting(shown, MOST_LABEL_SHARE * imgui.get_content_region_avail().x)
+    imgui.text_disabled(cut)
+    _tooltip(shown if cut != shown else "")
     left, width = imgui.get_cursor_pos_x(), imgui.get_item_rect_size().x
     share = LABEL_SHARE * (imgui.get_content_region_avail().x + left)
     imgui.same_line(max(share, left + width + imgui.get_style().item_spacing.x))
     imgui.set_next_item_width(-1.0)
     return f"##{label}"
+
+
+def fitting(text: str, width: float) -> str:
+    """A user's text, or as much of its beginning as fits, with dots."""
+
+    def wide(shown):
+        return imgui.calc_text_size(shown).x
+
+    if wide(text) <= width:
+        return text
+    counts = range(1, len(text))
+    return text[: bisect(counts, width - wide(DOTS), key=lambda count: wide(text[:count]))] + DOTS
 
 
 def of(owner, name):
