@@ -194,7 +194,7 @@ def beside(label: str, more: float) -> None:
     style = imgui.get_style()
     width = imgui.calc_text_size(label).x + 2.0 * style.frame_padding.x + more
     right = imgui.get_item_rect_max().x + style.item_spacing.x + width
-    if right < imgui.get_window_pos().x + imgui.get_window_width() - style.window_padding.x:
+    if right < imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x:
         imgui.same_line()
 
 
