@@ -5,8 +5,8 @@ area, and so is a pixel of a scored render, as in the viewer at rest.  A second 
 image with one ray a pixel, as in the viewer while things move.  The time in seconds is that of one
 such image and its copy to the host, without the first compilation of the kernels.
 
-Pixels of which a mask tells nothing (data/masks.py) are left out.  SSIM and LPIPS, which look at
-windows, have the render's color in their place.
+If a mask does not tell whether a pixel shows the object (data/masks.py), that pixel is left out.
+SSIM and LPIPS look at windows: they are given the render's color there.
 
 Beside each view's scores stands its angle to the nearest training view, seen from the point that
 the training views look at: scores fall with it.
@@ -138,8 +138,8 @@ class Scoring:
         if self.paths:
             picture = Image.fromarray(side_by_side(rendered, truth))
             self._write(self.paths[1 + index], lambda partial: picture.save(partial, "PNG"))
-        told = truth[..., 3] != UNTOLD if self.dataset.masked else None
-        scores = score_view(rendered, truth, self._has_alpha, self.lpips, told)
+        told = (truth[..., 3] != UNTOLD) | (not self.dataset.masked)
+        scores = score_view(rendered, truth, told, self._has_alpha, self.lpips)
         scores["psnr_one_ray"] = psnr_of(one_ray, truth, told)
         scores |= {"seconds": seconds, **self.nearness.of_view(index)}
         return {"name": self.dataset.names[index], **scores}
@@ -295,24 +295,23 @@ def lacks_surroundings(field: TetField, dataset: Dataset) -> bool:
     return learns_surroundings(choice, dataset)
 
 
-def score_view(rendered, truth, has_alpha, lpips=None, told=None) -> dict:
+def score_view(rendered, truth, told, has_alpha, lpips=None) -> dict:
     """Compare a render (color over white, α in the last channel) with straight-alpha RGBA.
 
     Args:
-        told: Pixels that are compared; None: all.  [H, W] bool
+        told: Pixels that are compared.  [H, W] bool
 
     Returns:
         "psnr" in dB (None for equal images: JSON has no infinity), "ssim", "lpips" (None
-        without that metric) and "alpha_error", the mean of |Δα| (None without alpha).
+        without that metric) and "alpha_error", the mean of |Δα| (None without alpha).  Where no
+        pixel is told, "psnr" and "alpha_error" are None.
     """
     a, b = rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64)
-    if told is not None:
-        b = np.where(told[..., None], b, a)
+    b = np.where(told[..., None], b, a)
     alpha_error = None
-    if has_alpha and (told is None or told.any()):
-        difference = rendered[..., 3].astype(np.float64) - truth[..., 3]
-        some = difference if told is None else difference[told]
-        alpha_error = float(np.abs(some).mean() / 255.0)
+    if has_alpha and told.any():
+        difference = rendered[told, 3].astype(np.float64) - truth[told, 3]
+        alpha_error = float(np.abs(difference).mean() / 255.0)
     return {
         "psnr": psnr_of(rendered, truth, told),
         "ssim": ssim(a, b),
@@ -321,12 +320,12 @@ def score_view(rendered, truth, has_alpha, lpips=None, told=None) -> dict:
     }
 
 
-def psnr_of(rendered, truth, told=None) -> float | None:
+def psnr_of(rendered, truth, told) -> float | None:
     """PSNR of a render as in `score_view`."""
-    a, b = rendered[..., :3] / 255.0, white_composite(truth).astype(np.float64)
-    if told is not None:
-        a, b = a[told], b[told]
-    decibels = psnr(a, b) if a.size else np.inf
+    if not told.any():
+        return None
+    a, b = rendered[told, :3] / 255.0, white_composite(truth)[told].astype(np.float64)
+    decibels = psnr(a, b)
     return decibels if np.isfinite(decibels) else None
 
 
