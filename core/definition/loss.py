@@ -9,14 +9,17 @@
 
 At rest tets don't overlap, so a pixel is Eq. 1 of the paper.  A batch costs
 
-    mean over rays of (|color − target|² / 3 + 10⁻² D + 10⁻⁵ X) + decay · ½ Σ_l 4^(l+1−L) Σ θ_l²
+    mean over rays of (|color − target|² / 3 + 10⁻² D + 10⁻⁵ X + λ E)
+    + decay · ½ Σ_l 4^(l+1−L) Σ θ_l²
 
     color = Σ w c + (1 − Σw) background       target = rgb · alpha + background · (1 − alpha)
     D = Σ_ij w_i w_j |t_i − t_j| + ⅓ Σ_i w_i² δ_i        distortion: Mip-NeRF 360, Eq. 15
     X = Σw · Σ over the three logits of (|logit| − 8)⁺²   excess; 0 without `color_per_ray`
+    E = Σ_i w_i (t_K − t_i)                               lead, of matter before the last piece
 
 The background is white, or random for each ray, so that density in empty space is an error.  X
 keeps logits where the sigmoid has a slope; gradients treat its Σw as a constant.
+λ is 0, unless a trial has shown that stage 2 begins better with more (training/depth_trial.py).
 
 Stage 1 trains the whole grid, with at most four levels and pieces twice as long.  Then tets in
 which nothing was seen are removed; in the others, mask bits are 0 where nothing was seen.  Stage 2
@@ -38,6 +41,11 @@ def distortion(w, t, length):
     return w @ np.abs(t[:, None] - t) @ w + w**2 @ length / 3.0
 
 
+def lead(w, t):
+    """E of one ray, of w and t [K]."""
+    return w @ (t[-1] - t) if len(t) else 0.0
+
+
 def ray_colors_and_excess(sums, opacity, directions, color_layers):
     """Colors times opacity [R, 3], and X [R], of rays with one color each: Σwh [R, 16], Σw [R]."""
     h = sums / np.maximum(opacity, SMALLEST_OPACITY)[:, None]
@@ -46,12 +54,15 @@ def ray_colors_and_excess(sums, opacity, directions, color_layers):
     return opacity[:, None] * sigmoid(logits), excess
 
 
-def batch_loss(color, opacity, distortions, excess, rgba, background):
-    """The mean over rays.  Colors [R, 3] are without background [R, 3]; X = 0 for samples'."""
+def batch_loss(color, opacity, distortions, excess, rgba, background, leads=0.0):
+    """The mean over rays.  Colors [R, 3] are without background [R, 3]; X = 0 for samples'.
+
+    `leads` are λ E.
+    """
     rgb, alpha = rgba[:, :3], rgba[:, 3:]
     target = rgb * alpha + background * (1.0 - alpha)
     error = ((color + (1.0 - opacity)[:, None] * background - target) ** 2).sum(axis=1) / 3.0
-    return (error + DISTORTION_WEIGHT * distortions + EXCESS_WEIGHT * excess).mean()
+    return (error + DISTORTION_WEIGHT * distortions + EXCESS_WEIGHT * excess + leads).mean()
 
 
 def table_decay(tables, decay):

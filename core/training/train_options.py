@@ -10,6 +10,7 @@ LEAVE_OUT = (
     "ray-color",
     "distortion",
     "table-decay",
+    "depth-cost",
     "found-box",
     "isolation",
     "exposure",
@@ -45,15 +46,17 @@ class TrainOptions:
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, times the number of pixels that are
             drawn from, see loss.py; against noise.
+        depth_cost: Weight of the cost of depth with which stage 2 is tried, see depth_trial.py;
+            0: it isn't tried.
         leave_out: What of the method that this scene is learned without, of LEAVE_OUT:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "isolation": what it stands and leans on isn't cut off (meant.py);
             "coarse-stage": all fine_steps go to all levels on the whole grid, which the model
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
             every level is hashed; "ray-color": each sample has a color of its own, and a ray the
-            sum of them (FieldOptions.deferred); "distortion", "table-decay": the loss has no such
-            term; "exposure": photographs have no color maps (run/exposure.py); "blur-weights":
-            blurred photographs count as much as sharp ones.
+            sum of them (FieldOptions.deferred); "distortion", "table-decay", "depth-cost": the
+            loss has no such term; "exposure": photographs have no color maps (run/exposure.py);
+            "blur-weights": blurred photographs count as much as sharp ones.
         seed: Seed of all random choices.
     """
 
@@ -73,6 +76,7 @@ class TrainOptions:
     color_depth: int = 3
     distortion: float = 1e-2
     table_decay: float = 0.1
+    depth_cost: float = 0.05
     leave_out: tuple[str, ...] = ()
     seed: int = 0
 
@@ -89,7 +93,7 @@ class TrainOptions:
 
 PRESETS = {
     "default": TrainOptions(),
-    "fast": TrainOptions(coarse_steps=1000, fine_steps=12000, color_depth=2),
+    "fast": TrainOptions(coarse_steps=1000, fine_steps=12000, color_depth=2, depth_cost=0.0),
     "small": TrainOptions(
         fine_steps=15000,
         level_count=6,
@@ -110,6 +114,7 @@ PRESETS = {
         learning_rate=2e-2,
         color_width=64,
         color_depth=2,
+        depth_cost=0.0,
     ),
 }
 

@@ -29,6 +29,7 @@ from . import photographs, stages
 from .data.datasets import Dataset
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
 from .data.views import focus
+from .depth_trial import held_psnr, trial_end, views_aside
 from .finding import FoundBox, ground_under, search
 from .meant import meant
 from .run.batch import looks
@@ -264,8 +265,8 @@ class _Run:
             return str(self._out_of_memory(error, "the model keeps sub-tets that no image sees"))
         return None
 
-    def _train_stage(self, stage, mesh, options: FieldOptions, step_count):
-        self.optimization = None  # the stage before gives its memory back
+    def _begin(self, stage, mesh, options: FieldOptions, step_count, depth_cost=0.0):
+        """The optimization of a stage, with no step done."""
         field = TrainingField(
             mesh,
             options,
@@ -278,10 +279,15 @@ class _Run:
             self.exposure,
             self.plates,
         )
-        if field.device.is_cuda:
-            torch.cuda.reset_peak_memory_stats()
         inputs = self.bank, self.options, self.dataset.has_alpha, step_count
-        optimization = Optimization(field, *inputs, stages.FINAL_RATES[stage])
+        return Optimization(field, *inputs, stages.FINAL_RATES[stage], depth_cost)
+
+    def _train_stage(self, stage, *arguments):
+        """Do all steps of a stage; the arguments are those of `_begin`."""
+        self.optimization = None  # the stage before gives its memory back
+        if wp.get_device(self.device).is_cuda:
+            torch.cuda.reset_peak_memory_stats()
+        optimization = self._begin(stage, *arguments)
         if self.resumed and self.resumed.stage == stage:
             try:
                 optimization.load_state(self.resumed.fit)
@@ -295,11 +301,51 @@ class _Run:
                     f"--resume"
                 ) from error
         # Not before: an interrupt keeps the stage before, or the checkpoint as it was.
-        self.stage, self.field, self.optimization = stage, field, optimization
-        history = History(self.report["history"], stage, step_count, self._seconds)
-        optimization.run(self.progress, f"stage {stage}", self._pause, history.note)
-        self.report["returns"] = self.report.get("returns", 0) + optimization.returns
+        self.stage, self.field, self.optimization = stage, optimization.field, optimization
+        if stage == 2:
+            self._try_depth_cost(partial(self._begin, stage, *arguments))
+        self._optimize(self.optimization, self.report["history"])
+        self.report["returns"] = self.report.get("returns", 0) + self.optimization.returns
         self._note_memory()
+
+    def _optimize(self, optimization, history, until=None, how=""):
+        step_count = optimization.step_count
+        note = History(history, self.stage, step_count, self._seconds).note
+        title = f"stage {self.stage}{how}"
+        optimization.run(self.progress, title, self._pause, note, until)
+
+    def _try_depth_cost(self, begin):
+        """Begin stage 2 twice, where that is due, and keep the better (depth_trial.py).
+
+        Until then the beginning without the cost is what is saved and exported.
+        """
+        first, history = self.optimization, self.report["history"]
+        until = trial_end(first, self.dataset.view_count)
+        if not until:
+            return
+        views = views_aside(self.dataset.view_count)
+        with self.bank.holding_aside(views):
+            if first.number < until:
+                self._optimize(first, history, until)
+            without = held_psnr(first, views)
+            first.rest()
+            rows = [row for row in history if row["stage"] == 1]
+            try:
+                second = begin(self.options.depth_cost)
+                self._optimize(second, rows, until, ", with a cost of depth")
+                gain = held_psnr(second, views) - without
+                second.rest()
+            except (Diverged, *ALLOCATION_ERRORS) as error:
+                if not isinstance(error, Diverged) and not lacks_memory(error):
+                    raise
+                gain, second = 0.0, None
+        if gain > 0.0:
+            self.field, self.optimization = second.field, second
+            history[:] = rows
+        self.report["depth_gain"] = gain
+        kept = "goes on with it" if gain > 0.0 else "goes on without"
+        self.progress.say(f"A cost of depth gives {gain:+.2f} dB on views held aside: {kept}.")
+        self.optimization.set_ray_count(self.optimization.ray_count)
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step

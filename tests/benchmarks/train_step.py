@@ -66,7 +66,7 @@ def parts_of(run, times):
     done("encode")
     sigma, values = field.evaluate(batch, features)
     done("networks")
-    sums, opacity, distortion, _, visible = Composite.apply(
+    sums, opacity, distortion, _, _, visible = Composite.apply(
         sigma, values, samples.length, samples.t, batch.counts, batch.ends
     )
     done("composite")

@@ -7,6 +7,7 @@ so the host never waits.
 Shapes: P pixels of N views, R rays.
 """
 
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -199,6 +200,20 @@ class RayBank:
             meets[:] = drawn
         pixels = np.flatnonzero(chosen if is_any else []).astype(np.int32)
         self.bank.pool = wp.array(pixels, dtype=int, device=self.device)
+
+    @contextmanager
+    def holding_aside(self, views):
+        """Context in which no pixel of these views is drawn at random."""
+        before, first = self.bank.pool, self.bank.first_pixels.numpy()
+        pixels = before.numpy() if len(before) else np.arange(self.pixel_count, dtype=np.int32)
+        aside = np.zeros(self.pixel_count, bool)
+        for view in views:
+            aside[first[view] : first[view + 1]] = True
+        self.bank.pool = wp.array(pixels[~aside[pixels]], dtype=int, device=self.device)
+        try:
+            yield
+        finally:
+            self.bank.pool = before
 
     @property
     def pixel_count(self) -> int:

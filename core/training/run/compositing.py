@@ -97,9 +97,10 @@ def composite_kernel(
     opacity: wp.array(dtype=float),  # [R] out
     weighted_t: wp.array(dtype=float),  # [R] out: Σ w t
     distortion: wp.array(dtype=float),  # [R] out
+    lead: wp.array(dtype=float),  # [R] out
     visible: wp.array(dtype=int),  # [R] out: samples behind more than LEAST_TRANSMITTANCE
 ):
-    """`weights` and `distortion` of core/definition, the sums, and numbers of visible samples."""
+    """`weights`, `distortion` and `lead` of core/definition, sums, numbers of visible samples."""
     ray = wp.tid() // lanes
     lane = wp.tid() - ray * lanes
     end = ends[ray]
@@ -143,6 +144,9 @@ def composite_kernel(
         opacity[ray] = total_w
         weighted_t[ray] = total_t
         distortion[ray] = loss
+        lead[ray] = 0.0
+        if counts[ray] > 0:
+            lead[ray] = t[end - 1] * total_w - total_t
 
 
 @wp.kernel
@@ -159,6 +163,7 @@ def composite_backward_kernel(
     sums_grad: wp.array(dtype=Any),  # [R]
     opacity_grad: wp.array(dtype=float),  # [R]
     distortion_grad: wp.array(dtype=float),  # [R]
+    lead_grad: wp.array(dtype=float),  # [R]
     sigma_grad: wp.array(dtype=float),  # [N] out
     values_grad: wp.array(dtype=Any),  # [N] out
 ):
@@ -170,6 +175,7 @@ def composite_backward_kernel(
     gc = sums_grad[ray]
     go = opacity_grad[ray]
     gd = distortion_grad[ray]
+    gl = lead_grad[ray]
     total_w = opacity[ray]
     total_t = weighted_t[ray]
     # Backwards, so that the sums behind piece i are known at piece i.
@@ -177,6 +183,9 @@ def composite_backward_kernel(
     after = float(0.0)  # Σ_{j>i} w_j
     after_t = float(0.0)
     transmittance = float(1.0) - total_w  # T behind the last piece
+    farthest = float(0.0)  # t of the last piece
+    if last >= first:
+        farthest = t[last]
     while last >= first:
         n = last - lane
         w = float(0.0)
@@ -193,7 +202,7 @@ def composite_backward_kernel(
         w_before = total_w - w_after - w
         t_before = total_t - t_after - w * at
         pull = at * w_before - t_before + t_after - at * w_after
-        v = seen + go + gd * (2.0 * pull + 2.0 * w * extent / 3.0)
+        v = seen + go + gd * (2.0 * pull + 2.0 * w * extent / 3.0) + gl * (farthest - at)
         wv_after = sum_before(behind, w * v)
         t_behind = sum_before(transmittance, w)
         if n >= first:

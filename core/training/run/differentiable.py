@@ -68,7 +68,7 @@ class Encode(torch.autograd.Function):
 
 
 class Composite(torch.autograd.Function):
-    """Sums of values [R, C], opacity, distortion [R], weights [N], visible [R] of packed samples.
+    """Sums of values [R, C], opacity, distortion, lead [R], weights [N], visible [R] of samples.
 
     Differentiable in sigma and in the values, which are colors (C = 3) or the numbers between the
     networks (C = 16) [N, C]; weights, and how many samples of a ray are visible, are not to be
@@ -81,7 +81,7 @@ class Composite(torch.autograd.Function):
         weights = torch.empty_like(sigma)
         sums = torch.empty(ray_count, values.shape[1], device=sigma.device)
         opacity = torch.empty(ray_count, device=sigma.device)
-        weighted_t, distortion = torch.empty_like(opacity), torch.empty_like(opacity)
+        weighted_t, distortion, lead = (torch.empty_like(opacity) for _ in range(3))
         visible = torch.empty(ray_count, dtype=torch.int32, device=sigma.device)
         sigma, values = sigma.contiguous(), values.contiguous()
         lanes = lane_count(device)
@@ -95,6 +95,7 @@ class Composite(torch.autograd.Function):
                 _float(opacity),
                 _float(weighted_t),
                 _float(distortion),
+                _float(lead),
                 wp.from_torch(visible),
             ],
             device=device,
@@ -102,10 +103,10 @@ class Composite(torch.autograd.Function):
         ctx.save_for_backward(values, weights, opacity, weighted_t)
         ctx.samples = (length, t, counts, ends)
         ctx.mark_non_differentiable(weights, visible)
-        return sums, opacity, distortion, weights, visible
+        return sums, opacity, distortion, lead, weights, visible
 
     @staticmethod
-    def backward(ctx, sums_grad, opacity_grad, distortion_grad, _weights_grad, _visible_grad):
+    def backward(ctx, sums_grad, opacity_grad, distortion_grad, lead_grad, *_others):
         values, weights, opacity, weighted_t = ctx.saved_tensors
         length, t, counts, ends = ctx.samples
         # Zeros: samples that belong to no ray get nothing.
@@ -128,6 +129,7 @@ class Composite(torch.autograd.Function):
                 _vectors(sums_grad),
                 _float(opacity_grad),
                 _float(distortion_grad),
+                _float(lead_grad),
             ],
             outputs=[_float(sigma_grad), _vectors(values_grad)],
             device=device,

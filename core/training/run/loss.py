@@ -31,6 +31,7 @@ def training_loss(
     white,
     distortion_weight: float,
     limits: SampleLimits | None = None,
+    depth_weight=None,
 ):
     """The loss [] of a marched batch, to be differentiated, and its mean squared error [].
 
@@ -42,12 +43,15 @@ def training_loss(
         distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
         limits: Learn from the batch how many samples its rays need.  They set its `fits` to 0 for
             the rays that they leave out, and what they learn has to be kept: see `keep` there.
+        depth_weight: Weight of the cost of depth; None: there is none.  torch [1]
     """
-    color, opacity, distortion, excess, _, visible = field.composite(batch)
+    color, opacity, distortion, lead, _, visible, excess = field.composite(batch)
     if limits is not None:
         limits.judge(batch, opacity, visible)
     target, alpha = batch.rgba[:, :3], batch.rgba[:, 3:]
     cost = distortion_weight * distortion
+    if depth_weight is not None:
+        cost = cost + depth_weight * lead
     if field.surroundings:
         with field.precision():
             front, behind = field.surroundings(

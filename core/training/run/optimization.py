@@ -33,6 +33,7 @@ from .training_field import TrainingField
 # Adam cancels it.  Less, and float16 loses the gradients that hold the color network's sums.
 LOSS_SCALE = 2.0**17
 FIRST_LOSS_SCALE = 2.0**10  # of checkpoints that tell none, and have no limits
+DEPTH_SHARE = 0.12  # of the steps, in which a cost of depth falls to 0
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
@@ -62,6 +63,7 @@ class Optimization:
         has_alpha: Whether the images have alpha, and so a background of the step's choice.
         step_count: Steps of the whole stage.
         final_rate: Learning rate at its end, as a share of the highest.
+        depth_cost: Weight of the cost of depth in the first step, see definition/loss.py.
     """
 
     def __init__(
@@ -72,19 +74,20 @@ class Optimization:
         has_alpha: bool,
         step_count: int,
         final_rate: float,
+        depth_cost: float = 0.0,
     ):
         self.field, self.bank, self.options = field, bank, options
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
-        decay = 0.0 if "table-decay" in options.leave_out else options.table_decay
-        self.table_decay = decay / bank.drawn_pixel_count
+        self.depth_cost = depth_cost
         self.samples_per_step = options.samples_per_step
         self.number = 0
         # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
         self._white = torch.zeros(1, device=device)
+        self._depth_weight = torch.zeros(1, device=device) if depth_cost else None
         self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
         self._exchange = make_exchange(field, self.error) if several else None
@@ -107,12 +110,14 @@ class Optimization:
         title: str,
         after_pause: Callable[[], None] = lambda: None,
         note: Callable[[int, float], None] = lambda step, mse: None,
+        until: int | None = None,
     ):
         """Do all steps that are left, then give the field its averaged weights.
 
         Args:
             after_pause: Called every few steps.
             note: The same, with the number of steps and the last one's error, finite or not.
+            until: Stop after that many steps of the stage; the field keeps its weights.
 
         Raises:
             Diverged: See there.
@@ -120,9 +125,10 @@ class Optimization:
             KeyboardInterrupt: One of several workers was interrupted; all raise it.
         """
         self._watch.keep_good(self.number)
-        task = progress.begin(title, self.step_count, self.number)
+        end = self.step_count if until is None else until
+        task = progress.begin(title, end, self.number)
         self._shown = self.number
-        while self.number < self.step_count:
+        while self.number < end:
             if self.number % PAUSE_INTERVAL == 0 and self.number > self._shown:
                 # Launched before the look at the loss, which waits for the device.
                 if self._recorded:
@@ -145,11 +151,15 @@ class Optimization:
             self._recorded.wait()  # the batches may be freed after this, and marches write to them
         self._examine(progress, task, note)
         self._average_weights()
-        self.field.set_weights(self._whole_average())
+        if end == self.step_count:
+            self.field.set_weights(self._whole_average())
 
     def step(self, rate: float, white: bool):
         """Do one step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
+        if self._depth_weight is not None:
+            left = 1.0 - self.number / (DEPTH_SHARE * self.step_count)
+            self._depth_weight.fill_(self.depth_cost * max(left, 0.0))
         for group in self.optimizer.param_groups:
             if self.field.device.is_cuda:
                 group["lr"].fill_(group["share"] * rate)
@@ -162,6 +172,12 @@ class Optimization:
         else:
             self._draw_and_learn(self._batches[0], self.number)
         self.number += 1
+
+    @property
+    def table_decay(self) -> float:
+        """Weight of the table's decay."""
+        decay = 0.0 if "table-decay" in self.options.leave_out else self.options.table_decay
+        return decay / self.bank.drawn_pixel_count
 
     @property
     def returns(self) -> int:
@@ -180,7 +196,7 @@ class Optimization:
     def set_ray_count(self, ray_count: int, capacity: int | None = None):
         """Take that many rays a step; on CUDA the next one records graphs for `capacity`."""
         device = self.field.device
-        self._forget_batches()
+        self.rest()
         samples, copies = None, 1  # the CPU makes space for what each march finds
         if device.is_cuda:
             samples = -(-self.samples_per_step // self.workers.count)
@@ -194,8 +210,8 @@ class Optimization:
                 batch.mask = wp.clone(self.field.mask)
         self.ray_count = ray_count
 
-    def _forget_batches(self):
-        """Free the memory of batches and graphs."""
+    def rest(self):
+        """Free the memory of batches and graphs; `set_ray_count` makes new ones."""
         if self._recorded:
             torch.cuda.synchronize(self.field.torch_device)
         self._batches, self._recorded = [], None
@@ -214,7 +230,9 @@ class Optimization:
 
     def _backpropagate(self, batch):
         """Gradients and error, of this worker's rays."""
-        loss, error = training_loss(self.field, batch, self._white, self.distortion, self._limits)
+        loss, error = training_loss(
+            self.field, batch, self._white, self.distortion, self._limits, self._depth_weight
+        )
         parameters = self.field.parameters()
         gradients = torch.autograd.grad(loss * LOSS_SCALE, parameters)
         if self.table_decay:
@@ -322,7 +340,7 @@ class Optimization:
         count = halved(error, self.samples_per_step, SMALLEST_SPACE, "samples a step", self.workers)
         self.samples_per_step = count
         ray_count = max(FEWEST_RAYS, self.ray_count // 2)
-        self._forget_batches()
+        self.rest()
         give_memory_back(self.field.device)
         self.set_ray_count(ray_count)
         name = memory_name(error)

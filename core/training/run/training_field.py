@@ -66,9 +66,10 @@ class RenderedRays(NamedTuple):
     color: torch.Tensor  # [R, 3] without background
     opacity: torch.Tensor  # [R]
     distortion: torch.Tensor  # [R]
-    excess: torch.Tensor  # [R], see loss.py
+    lead: torch.Tensor  # [R], see definition/loss.py
     weights: torch.Tensor  # [N]
     visible: torch.Tensor  # [R] int: number of visible samples, see compositing.py
+    excess: torch.Tensor  # [R], see loss.py
 
 
 class TrainingField:
@@ -152,9 +153,9 @@ class TrainingField:
         samples = batch.samples
         sigma, values = self.evaluate(batch, self.encode(samples.tet, samples.bary))
         along = samples.length, samples.t, batch.counts, batch.ends
-        sums, opacity, distortion, *others = Composite.apply(sigma, values, *along)
+        sums, opacity, *others = Composite.apply(sigma, values, *along)
         color, excess = self.color(batch, sums, opacity)
-        return RenderedRays(color, opacity, distortion, excess, *others)
+        return RenderedRays(color, opacity, *others, excess)
 
     def evaluate(self, batch: Batch, features):
         """sigma [N], and what a ray sums of the samples: colors [N, 3], or h [N, 16]."""
