@@ -4,10 +4,8 @@ Where an object has a screen of wires round empty space, stage 2 may leave a fog
 one color throughout, no pixel changes when its front goes away.  A cost of what comes before the
 last sample of a ray (the lead, definition/loss.py) takes the front away.  Other scenes lose by it:
 what shines is learned too deep.  So the run begins stage 2 twice, from one seed, without and with
-the cost, and learns from seven of eight views.  After a fifth of the steps the other views tell
-which beginning shows them better.  That one goes on, with all views.
-
-The cost has fallen to 0 by then (run/optimization.py).
+the cost, and learns from seven of eight views.  After 3,000 steps the other views tell which
+beginning shows them better.  That one goes on, with all views.  The cost has fallen to 0 by then.
 """
 
 import numpy as np
@@ -20,7 +18,8 @@ from .run.loss import training_loss
 from .run.monitoring import psnr_of
 from .run.optimization import PAUSE_INTERVAL, Optimization
 
-TRIAL_SHARE = 0.2  # of stage 2's steps; earlier, test views do not tell the two apart
+TRIAL_STEPS, TRIAL_SHARE = 3000, 0.2  # of stage 2, the fewer; earlier, views don't tell
+COST_SHARE = 0.6  # of the trial's steps, in which the cost falls to 0
 HELD_INTERVAL = 8  # every so many views one is held aside
 FEWEST_VIEWS = 16
 MOST_PIXELS, RAYS_AT_ONCE = 1 << 21, 1 << 14  # that are compared
@@ -42,7 +41,8 @@ def trial_end(optimization: Optimization, view_count: int) -> int:
         or any(part is not None for part in beside)
     ):
         return 0
-    end = int(TRIAL_SHARE * optimization.step_count) // PAUSE_INTERVAL * PAUSE_INTERVAL
+    end = min(TRIAL_STEPS, int(TRIAL_SHARE * optimization.step_count))
+    end -= end % PAUSE_INTERVAL
     return end if optimization.number <= end else 0  # a resumed run may be beyond
 
 

@@ -29,7 +29,7 @@ from . import photographs, stages
 from .data.datasets import Dataset
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
 from .data.views import focus
-from .depth_trial import held_psnr, trial_end, views_aside
+from .depth_trial import COST_SHARE, held_psnr, trial_end, views_aside
 from .finding import FoundBox, ground_under, search
 from .meant import meant
 from .run.batch import looks
@@ -265,8 +265,8 @@ class _Run:
             return str(self._out_of_memory(error, "the model keeps sub-tets that no image sees"))
         return None
 
-    def _begin(self, stage, mesh, options: FieldOptions, step_count, depth_cost=0.0):
-        """The optimization of a stage, with no step done."""
+    def _begin(self, stage, mesh, options: FieldOptions, step_count, *depth_cost):
+        """The optimization of a stage, with no step done; `depth_cost`: see there."""
         field = TrainingField(
             mesh,
             options,
@@ -280,7 +280,7 @@ class _Run:
             self.plates,
         )
         inputs = self.bank, self.options, self.dataset.has_alpha, step_count
-        return Optimization(field, *inputs, stages.FINAL_RATES[stage], depth_cost)
+        return Optimization(field, *inputs, stages.FINAL_RATES[stage], *depth_cost)
 
     def _train_stage(self, stage, *arguments):
         """Do all steps of a stage; the arguments are those of `_begin`."""
@@ -331,7 +331,7 @@ class _Run:
             first.rest()
             rows = [row for row in history if row["stage"] == 1]
             try:
-                second = begin(self.options.depth_cost)
+                second = begin(self.options.depth_cost, int(COST_SHARE * until))
                 self._optimize(second, rows, until, ", with a cost of depth")
                 gain = held_psnr(second, views) - without
                 second.rest()

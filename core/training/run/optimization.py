@@ -33,7 +33,6 @@ from .training_field import TrainingField
 # Adam cancels it.  Less, and float16 loses the gradients that hold the color network's sums.
 LOSS_SCALE = 2.0**17
 FIRST_LOSS_SCALE = 2.0**10  # of checkpoints that tell none, and have no limits
-DEPTH_SHARE = 0.12  # of the steps, in which a cost of depth falls to 0
 WHITE_SHARE = 0.5  # of the steps, at the end, on a white background
 PAUSE_INTERVAL = 16  # steps from one look at loss, occupancy and ray count to the next
 OCCUPANCY_WARM_UP = 256  # steps in which every update looks at all sub-tets
@@ -64,6 +63,7 @@ class Optimization:
         step_count: Steps of the whole stage.
         final_rate: Learning rate at its end, as a share of the highest.
         depth_cost: Weight of the cost of depth in the first step, see definition/loss.py.
+        depth_steps: In so many steps it falls to 0.
     """
 
     def __init__(
@@ -75,12 +75,13 @@ class Optimization:
         step_count: int,
         final_rate: float,
         depth_cost: float = 0.0,
+        depth_steps: int = 1,
     ):
         self.field, self.bank, self.options = field, bank, options
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
-        self.depth_cost = depth_cost
+        self.depth_cost, self.depth_steps = depth_cost, depth_steps
         self.samples_per_step = options.samples_per_step
         self.number = 0
         # Draws and jitter follow from the step's number and the seed.
@@ -158,7 +159,7 @@ class Optimization:
         """Do one step with that learning rate, on white or on random backgrounds."""
         self._white.fill_(float(white))
         if self._depth_weight is not None:
-            left = 1.0 - self.number / (DEPTH_SHARE * self.step_count)
+            left = 1.0 - self.number / self.depth_steps
             self._depth_weight.fill_(self.depth_cost * max(left, 0.0))
         for group in self.optimizer.param_groups:
             if self.field.device.is_cuda:
