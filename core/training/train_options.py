@@ -64,7 +64,7 @@ class TrainOptions:
     scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
-    fine_steps: int = 25000
+    fine_steps: int = 23000
     level_count: int = 7
     table_size_log2: int = 20
     march_step: float = 0.0013

@@ -44,7 +44,7 @@ def stage_of(color_a_ray: bool, logit: float):
     return stage
 
 
-def defined(stage):
+def defined(stage, depth_weight):
     """The loss of the stage's batch, by the definition."""
     batch, field = stage.batch, stage.field.export(np.eye(4), {}).definition
     counts = batch.counts.numpy()
@@ -56,25 +56,28 @@ def defined(stage):
     values = h
     if not field.color_per_ray:
         values = colors(h, np.repeat(directions, counts, axis=0), field.color_layers)
-    sums, opacity, _, distortions = composite(sigma_from(h), values, lengths, t, counts)
+    sums, opacity, _, distortions, leads = composite(sigma_from(h), values, lengths, t, counts)
     color, excess = sums, np.zeros(len(counts))
     if field.color_per_ray:
         color, excess = loss.ray_colors_and_excess(sums, opacity, directions, field.color_layers)
     pictures = batch.rgba.numpy().astype(float), batch.background.numpy().astype(float)
-    return loss.batch_loss(color, opacity, distortions, excess, *pictures), excess, opacity
+    terms = distortions, excess, *pictures, depth_weight * leads
+    return loss.batch_loss(color, opacity, *terms), excess, opacity
 
 
 @pytest.mark.parametrize(
-    ("color_a_ray", "logit"), [(True, 0.0), (True, 12.0), (True, -12.0), (False, 0.0)]
+    ("color_a_ray", "logit", "depth_weight"),
+    [(True, 0.0, 0.0), (True, 12.0, 0.0), (True, -12.0, 0.3), (False, 0.0, 0.3)],
 )
-def test_a_batch_costs_what_training_says(color_a_ray, logit):
+def test_a_batch_costs_what_training_says(color_a_ray, logit, depth_weight):
+    depth = torch.full((1,), depth_weight) if depth_weight else None
     with on_warp_stream("cpu"):
         stage = stage_of(color_a_ray, logit)
         with torch.no_grad():
             value, _ = training_loss(
-                stage.field, stage.batch, torch.zeros(1), loss.DISTORTION_WEIGHT
+                stage.field, stage.batch, torch.zeros(1), loss.DISTORTION_WEIGHT, None, depth
             )
-    expected, excess, opacity = defined(stage)
+    expected, excess, opacity = defined(stage, depth_weight)
     assert float(value) == pytest.approx(expected, rel=1e-4)
     assert 0.05 < opacity.mean() < 1.0
     assert (excess.max() > 1.0) == (logit != 0.0)

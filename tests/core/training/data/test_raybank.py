@@ -152,3 +152,24 @@ def test_pixels_that_are_left_out_are_not_drawn(device):
     bank.draw(seed, drawn)
     told = np.flatnonzero(~untold)
     np.testing.assert_array_equal(np.unique(drawn.pixels.numpy()), told)
+
+
+def test_views_that_are_held_aside_are_not_drawn(device):
+    """Those that a box or a mask took away neither; afterwards all are again."""
+    bank = RayBank(views(), np.eye(4), device)
+    untold = np.zeros(bank.pixel_count, bool)
+    untold[-6:] = True
+
+    def drawn():
+        batch = empty_drawn(2000, device)
+        bank.draw(wp.full(1, 7, dtype=int, device=device), batch)
+        return set(batch.pixels.numpy().tolist())
+
+    first, second, third = range(35), range(35, 71), range(71, 107)
+    with bank.holding_aside([0, 2]):
+        assert drawn() == {*second} and bank.drawn_pixel_count == 36
+    assert drawn() == {*first, *second, *third}
+    bank.draw_from(untold=untold)
+    with bank.holding_aside([1]):
+        assert drawn() == {*first, *third} - {*range(101, 107)}
+    assert drawn() == {*range(101)}

@@ -24,7 +24,7 @@ def random_samples(ray_count=40, longest=100, channels=3):
 
 
 def test_a_homogeneous_medium_absorbs_exponentially():
-    color, opacity, depth, _ = composite(
+    color, opacity, depth, _, lead = composite(
         np.full(1000, 2.0),
         np.tile([0.2, 0.4, 0.6], (1000, 1)),
         np.full(1000, 1e-3),
@@ -35,6 +35,7 @@ def test_a_homogeneous_medium_absorbs_exponentially():
     np.testing.assert_allclose(color[0], opacity[0] * np.array([0.2, 0.4, 0.6]))
     mean_depth = (1 - 3 * np.exp(-2.0)) / 2 / (1 - np.exp(-2.0))  # ∫ t σ e^(-σ t) / opacity
     assert depth[0] == pytest.approx(mean_depth, rel=1e-5)
+    assert lead[0] == pytest.approx(opacity[0] * (0.9995 - mean_depth), rel=1e-5)
 
 
 def test_splitting_pieces_changes_no_pixel():
@@ -49,11 +50,12 @@ def test_splitting_pieces_changes_no_pixel():
 
 
 def test_one_opaque_piece_has_only_the_distortion_of_its_own_extent():
-    _, opacity, _, distortion = composite(
+    _, opacity, _, distortion, lead = composite(
         np.array([1e6]), np.ones((1, 3)), np.array([0.3]), np.array([1.0]), np.array([1])
     )
     assert opacity[0] == 1.0
     assert distortion[0] == pytest.approx(0.1)
+    assert lead[0] == 0.0
 
 
 def on_device(samples, device):
@@ -72,10 +74,10 @@ def on_device(samples, device):
 @pytest.mark.parametrize("channels", [3, GEOMETRY_FEATURES])
 def test_forward_kernel_matches_the_reference(device, channels):
     samples = random_samples(channels=channels)
-    color, opacity, _, distortion = composite(*samples)
+    color, opacity, _, *others = composite(*samples)
     outputs = Composite.apply(*on_device(samples, device))
-    for ours, expected in zip(outputs, (color, opacity, distortion), strict=False):
-        np.testing.assert_allclose(ours.detach().cpu(), expected, atol=2e-6)
+    for ours, expected in zip(outputs, (color, opacity, *others), strict=False):
+        np.testing.assert_allclose(ours.detach().cpu(), expected, atol=2e-6, rtol=2e-6)
 
 
 def test_samples_behind_something_opaque_are_not_visible(device):
@@ -98,13 +100,11 @@ def test_gradients_match_finite_differences_of_the_reference(device, channels):
     shape = {"ray_count": 12, "longest": 45 if channels == 3 else 15}
     sigma, rgb, length, t, counts = samples = random_samples(**shape, channels=channels)
     rng = np.random.default_rng()
-    weights = [rng.normal(size=s) for s in ((12, channels), 12, 12)]
+    weights = [rng.normal(size=s) for s in ((12, channels), 12, 12, 12)]
 
     def loss(sigma, rgb):
-        color, opacity, _, distortion = composite(sigma, rgb, length, t, counts)
-        return sum(
-            (w * x).sum() for w, x in zip(weights, (color, opacity, distortion), strict=True)
-        )
+        color, opacity, _, *others = composite(sigma, rgb, length, t, counts)
+        return sum((w * x).sum() for w, x in zip(weights, (color, opacity, *others), strict=True))
 
     arguments = on_device(samples, device)
     outputs = Composite.apply(*arguments)

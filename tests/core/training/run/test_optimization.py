@@ -51,7 +51,8 @@ def test_features_decay_more_at_finer_levels_and_no_other_weight(run):
     with torch.no_grad():
         table.normal_()
     found = []
-    for run.table_decay in (0.0, 3e-3):
+    for decay in (0.0, 3e-3 * run.bank.drawn_pixel_count):
+        run.options = replace(run.options, table_decay=decay)
         run._prepare(run.batch, 0)
         run._march(run.batch)
         run._backpropagate(run.batch)
