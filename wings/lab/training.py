@@ -76,6 +76,10 @@ def section(field: TetField) -> Section:
         return Section("training", TITLE, findings, tables=tables, values=known)
     end = f"the training rays end at {moments[-1].psnr:.2f} dB"
     findings = [_sentence([_duration(meta), end, _test(meta)]), _stages(meta, moments)]
+    if (gain := meta.get("depth_gain")) is not None:
+        choice = "with" if gain > 0.0 else "without"
+        said = f"stage 2 began {choice} a cost of depth, which gave {gain:+.2f} dB in a trial"
+        findings.append(_sentence([said]))
     findings += _sector(scored)
     if meta.get("interrupted"):
         findings.append("The run was interrupted: the history ends there.")

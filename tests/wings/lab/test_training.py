@@ -123,6 +123,13 @@ def test_equal_test_views_have_no_psnr(trained):
     assert "test views" not in " ".join(section.findings)
 
 
+@pytest.mark.parametrize(("gain", "began"), [(0.436, "with"), (-1.35, "without")])
+def test_what_a_trial_chose_is_told_with_what_it_was_worth(trained, gain, began):
+    told = training.section(replace(trained, meta={**META, "depth_gain": gain})).findings
+    said = f"Stage 2 began {began} a cost of depth, which gave {gain:+.2f} dB in a trial."
+    assert told[2] == said
+
+
 def test_runs_that_ended_early_say_so(trained):
     """In the first stage, and before the second one's first step."""
     for first, seconds in ((None, "100.0"), (9.5, "9.5")):
