@@ -9,17 +9,15 @@
 
 At rest tets don't overlap, so a pixel is Eq. 1 of the paper.  A batch costs
 
-    mean over rays of (|color − target|² / 3 + 10⁻² D + 10⁻⁵ X + λ E)
-    + decay · ½ Σ_l 4^(l+1−L) Σ θ_l²
+    mean over rays of (|color − target|²/3 + 10⁻² D + 10⁻⁵ X + λ E) + decay · ½ Σ_l 4^(l+1−L) Σ θ_l²
 
     color = Σ w c + (1 − Σw) background       target = rgb · alpha + background · (1 − alpha)
     D = Σ_ij w_i w_j |t_i − t_j| + ⅓ Σ_i w_i² δ_i        distortion: Mip-NeRF 360, Eq. 15
     X = Σw · Σ over the three logits of (|logit| − 8)⁺²   excess; 0 without `color_per_ray`
-    E = Σ_i w_i (t_K − t_i)                               lead, of matter before the last piece
+    E = Σ_i w_i (t_K − t_i)   lead; λ = 0 but where a trial asks for more (training/depth_trial.py)
 
 The background is white, or random for each ray, so that density in empty space is an error.  X
 keeps logits where the sigmoid has a slope; gradients treat its Σw as a constant.
-λ is 0, unless a trial has shown that stage 2 begins better with more (training/depth_trial.py).
 
 Stage 1 trains the whole grid, with at most four levels and pieces twice as long.  Then tets in
 which nothing was seen are removed; in the others, mask bits are 0 where nothing was seen.  Stage 2
@@ -54,15 +52,12 @@ def ray_colors_and_excess(sums, opacity, directions, color_layers):
     return opacity[:, None] * sigmoid(logits), excess
 
 
-def batch_loss(color, opacity, distortions, excess, rgba, background, leads=0.0):
-    """The mean over rays.  Colors [R, 3] are without background [R, 3]; X = 0 for samples'.
-
-    `leads` are λ E.
-    """
+def batch_loss(color, opacity, distortions, excess, rgba, background, costs=0.0):
+    """The mean over rays.  Colors [R, 3] are without background [R, 3]; X = 0 for samples'."""
     rgb, alpha = rgba[:, :3], rgba[:, 3:]
     target = rgb * alpha + background * (1.0 - alpha)
     error = ((color + (1.0 - opacity)[:, None] * background - target) ** 2).sum(axis=1) / 3.0
-    return (error + DISTORTION_WEIGHT * distortions + EXCESS_WEIGHT * excess + leads).mean()
+    return (error + DISTORTION_WEIGHT * distortions + EXCESS_WEIGHT * excess + costs).mean()
 
 
 def table_decay(tables, decay):

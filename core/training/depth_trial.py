@@ -12,7 +12,6 @@ import numpy as np
 import torch
 import warp as wp
 
-from .data.raybank import RayBank
 from .run.batch import Batch
 from .run.loss import training_loss
 from .run.monitoring import psnr_of
@@ -52,10 +51,11 @@ def views_aside(view_count: int) -> range:
 
 
 @torch.no_grad()
-def held_psnr(optimization: Optimization, views) -> float:
-    """PSNR of pixels of these views on white, by the averaged weights; always the same.  [dB]"""
+def held_psnr(optimization: Optimization, pixels) -> float:
+    """PSNR of these pixels on white, or of MOST_PIXELS of them, by the averaged weights.  [dB]"""
     field, bank = optimization.field, optimization.bank
-    pixels = pixels_of(bank, views)
+    if len(pixels) > MOST_PIXELS:  # the same ones each time
+        pixels = np.sort(np.random.default_rng(0).choice(pixels, MOST_PIXELS, replace=False))
     white, errors = torch.ones(1, device=field.torch_device), []
     with optimization.averaged():
         for some in np.split(pixels, range(RAYS_AT_ONCE, len(pixels), RAYS_AT_ONCE)):
@@ -64,12 +64,3 @@ def held_psnr(optimization: Optimization, views) -> float:
             field.march(batch)  # its seed is 0, so nothing is jittered
             errors.append(len(some) * training_loss(field, batch, white, 0.0)[1])
     return psnr_of(float(sum(errors)) / len(pixels))
-
-
-def pixels_of(bank: RayBank, views):
-    """Numbers of pixels of these views, at most MOST_PIXELS, at random.  int32"""
-    first = bank.bank.first_pixels.numpy()
-    pixels = np.concatenate([np.arange(first[v], first[v + 1], dtype=np.int32) for v in views])
-    if len(pixels) <= MOST_PIXELS:
-        return pixels
-    return np.sort(np.random.default_rng(0).choice(pixels, MOST_PIXELS, replace=False))

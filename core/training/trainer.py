@@ -323,17 +323,16 @@ class _Run:
         until = trial_end(first, self.dataset.view_count)
         if not until:
             return
-        views = views_aside(self.dataset.view_count)
-        with self.bank.holding_aside(views):
+        with self.bank.holding_aside(views_aside(self.dataset.view_count)) as pixels:
             if first.number < until:
                 self._optimize(first, history, until)
-            without = held_psnr(first, views)
+            without = held_psnr(first, pixels)
             first.rest()
             rows = [row for row in history if row["stage"] == 1]
             try:
                 second = begin(self.options.depth_cost, int(COST_SHARE * until))
                 self._optimize(second, rows, until, ", with a cost of depth")
-                gain = held_psnr(second, views) - without
+                gain = held_psnr(second, pixels) - without
                 second.rest()
             except (Diverged, *ALLOCATION_ERRORS) as error:
                 if not isinstance(error, Diverged) and not lacks_memory(error):

@@ -203,15 +203,16 @@ class RayBank:
 
     @contextmanager
     def holding_aside(self, views):
-        """Context in which no pixel of these views is drawn at random."""
+        """Context in which no pixel of these views is drawn at random; those that would be [n]."""
         before, first = self.bank.pool, self.bank.first_pixels.numpy()
         pixels = before.numpy() if len(before) else np.arange(self.pixel_count, dtype=np.int32)
         aside = np.zeros(self.pixel_count, bool)
         for view in views:
             aside[first[view] : first[view + 1]] = True
-        self.bank.pool = wp.array(pixels[~aside[pixels]], dtype=int, device=self.device)
+        is_held = aside[pixels]
+        self.bank.pool = wp.array(pixels[~is_held], dtype=int, device=self.device)
         try:
-            yield
+            yield pixels[is_held]
         finally:
             self.bank.pool = before
 

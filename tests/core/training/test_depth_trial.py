@@ -8,8 +8,13 @@ import pytest
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
-from deformrf.core.training import load_checkpoint, preset, trainer, world_to_unit_cube
-from deformrf.core.training.data.datasets import white_composite
+from deformrf.core.training import (
+    load_checkpoint,
+    preset,
+    trainer,
+    white_composite,
+    world_to_unit_cube,
+)
 from deformrf.core.training.data.raybank import RayBank
 from deformrf.core.training.depth_trial import held_psnr, trial_end, views_aside
 from deformrf.core.training.metrics import psnr
@@ -78,9 +83,10 @@ def test_what_is_held_aside_is_scored_as_an_image_is(optimization, ball_data):
     """On white, by the averaged weights; the raw ones are lent and given back."""
     views, field = list(views_aside(ball_data[0].view_count)), optimization.field
     raw = [p.detach().clone() for p in field.parameters()]
-    told = held_psnr(optimization, views)
+    with optimization.bank.holding_aside(views) as pixels:
+        told = held_psnr(optimization, pixels)
+        assert told == held_psnr(optimization, pixels)
     assert all((a == b).all() for a, b in zip(raw, field.parameters(), strict=True))
-    assert told == held_psnr(optimization, views)
     with optimization.averaged():
         model = field.export(world_to_unit_cube(ball_data[0], radius=1.5), {})
     renderer, options = Renderer(model), RenderOptions(background=(1.0, 1.0, 1.0))

@@ -166,10 +166,12 @@ def test_views_that_are_held_aside_are_not_drawn(device):
         return set(batch.pixels.numpy().tolist())
 
     first, second, third = range(35), range(35, 71), range(71, 107)
-    with bank.holding_aside([0, 2]):
+    with bank.holding_aside([0, 2]) as held:
+        assert {*held} == {*first, *third}
         assert drawn() == {*second} and bank.drawn_pixel_count == 36
     assert drawn() == {*first, *second, *third}
     bank.draw_from(untold=untold)
-    with bank.holding_aside([1]):
+    with bank.holding_aside([1]) as held:
+        assert {*held} == {*second}
         assert drawn() == {*first, *third} - {*range(101, 107)}
     assert drawn() == {*range(101)}
