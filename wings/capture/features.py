@@ -98,6 +98,7 @@ def extract(work: Work, cameras: dict[int, int], folder: str):
     pycolmap = load_pycolmap()
     options = pycolmap.FeatureExtractionOptions()
     options.sift.max_num_features = MOST_FEATURES
+    options.num_threads = thread_count()  # by default all of the host's, beyond a quota
     if work.is_cut:
         options.sift.peak_threshold = FAINT
     for camera in set(cameras.values()):

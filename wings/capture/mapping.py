@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.base.children import start
+from ...core.base.device import thread_count
 from ...core.training import SparsePoints
 from . import circles
 from .features import LEAST_MATCHES
@@ -30,9 +31,10 @@ GLOBAL_MAPPING = """
 import sys
 import numpy, PIL.Image
 import pycolmap
-database, folder, smallest, seed = sys.argv[1:]
+database, folder, smallest, seed, threads = sys.argv[1:]
 pycolmap.set_random_seed(int(seed))
 options = pycolmap.GlobalPipelineOptions(min_model_size=int(smallest), random_seed=int(seed))
+options.num_threads = int(threads)
 pycolmap.global_mapping(database, folder, folder, options)
 """  # a program of its own; in this order, because of what load_pycolmap says
 
@@ -124,6 +126,7 @@ def incremental(work: Work, begin, distorts=True) -> list:
         min_model_size=SMALLEST_GROUP,
         extract_colors=False,
         random_seed=SEED,
+        num_threads=thread_count(),
         ba_refine_extra_params=distorts,
         ba_global_frames_ratio=GROWN,
         ba_global_points_ratio=GROWN,
@@ -159,8 +162,8 @@ def global_mapping(work: Work, begin) -> list:
     pycolmap = load_pycolmap()
     with begin("Finding more cameras", len(work.photos)) as advance:
         with work.temporary_folder() as folder:
-            arguments = [str(work.database_path), folder, str(SMALLEST_GROUP), str(SEED)]
-            run_alone(GLOBAL_MAPPING, *arguments)
+            arguments = work.database_path, folder, SMALLEST_GROUP, SEED, thread_count()
+            run_alone(GLOBAL_MAPPING, *map(str, arguments))
             groups = sorted(path for path in Path(folder).iterdir() if path.is_dir())
             try:
                 found = [pycolmap.Reconstruction(str(path)) for path in groups]
