@@ -99,6 +99,8 @@ def contradiction(arguments, options) -> str | None:
         if getattr(arguments, name) not in (not_given, value):
             no = "no-" if name == "view_dependence" else ""
             return f"--{no}{name.replace('_', '-')}"
+    # Of older checkpoints 0.
+    known["depth_cost"] = options.depth_cost
     asked = replace(training.preset(arguments.preset), **known)
     if arguments.steps is not None:
         if with_steps(options, arguments.steps) != options:

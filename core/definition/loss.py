@@ -52,12 +52,12 @@ def ray_colors_and_excess(sums, opacity, directions, color_layers):
     return opacity[:, None] * sigmoid(logits), excess
 
 
-def batch_loss(color, opacity, distortions, excess, rgba, background, costs=0.0):
+def batch_loss(color, opacity, distortions, excess, rgba, background, lead_costs=0.0):
     """The mean over rays.  Colors [R, 3] are without background [R, 3]; X = 0 for samples'."""
     rgb, alpha = rgba[:, :3], rgba[:, 3:]
     target = rgb * alpha + background * (1.0 - alpha)
     error = ((color + (1.0 - opacity)[:, None] * background - target) ** 2).sum(axis=1) / 3.0
-    return (error + DISTORTION_WEIGHT * distortions + EXCESS_WEIGHT * excess + costs).mean()
+    return (error + DISTORTION_WEIGHT * distortions + EXCESS_WEIGHT * excess + lead_costs).mean()
 
 
 def table_decay(tables, decay):

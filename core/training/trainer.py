@@ -4,7 +4,8 @@ Stage 1 trains few levels on the A15 grid of the whole scene box, to find where 
 occupied tets, those that they enclose, and their neighbors are kept.  Stage 2 trains all
 levels on the kept tets.  Both minimize the loss of run/loss.py with Adam.  Images with alpha are
 composited on a random background per ray in the first half of a stage, so that empty space becomes
-empty, and on white in the second half, because scores are computed on white.
+empty, and on white in the second half, because scores are computed on white.  Stage 2 may begin
+twice, to try a cost (depth_trial.py).
 
 A run without stage 1 trains stage 2 on the whole grid in the scene box, and its model contains
 all of those tets, the empty ones too.
@@ -29,7 +30,7 @@ from . import photographs, stages
 from .data.datasets import Dataset
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
 from .data.views import focus
-from .depth_trial import COST_SHARE, held_psnr, trial_end, views_aside
+from .depth_trial import DEPTH_STEPS, TRIAL_STEPS, is_due, validation_psnr, validation_views
 from .finding import FoundBox, ground_under, search
 from .meant import meant
 from .run.batch import looks
@@ -265,8 +266,8 @@ class _Run:
             return str(self._out_of_memory(error, "the model keeps sub-tets that no image sees"))
         return None
 
-    def _begin(self, stage, mesh, options: FieldOptions, step_count, *depth_cost):
-        """The optimization of a stage, with no step done; `depth_cost`: see there."""
+    def _begin(self, stage, mesh, options: FieldOptions, step_count, depth_cost=0.0, depth_steps=1):
+        """The optimization of a stage, with no step done."""
         field = TrainingField(
             mesh,
             options,
@@ -280,7 +281,7 @@ class _Run:
             self.plates,
         )
         inputs = self.bank, self.options, self.dataset.has_alpha, step_count
-        return Optimization(field, *inputs, stages.FINAL_RATES[stage], *depth_cost)
+        return Optimization(field, *inputs, stages.FINAL_RATES[stage], depth_cost, depth_steps)
 
     def _train_stage(self, stage, *arguments):
         """Do all steps of a stage; the arguments are those of `_begin`."""
@@ -302,49 +303,57 @@ class _Run:
                 ) from error
         # Not before: an interrupt keeps the stage before, or the checkpoint as it was.
         self.stage, self.field, self.optimization = stage, optimization.field, optimization
-        if stage == 2:
+        del optimization  # which the trial may give up
+        is_tried = "depth_gain" in self.report  # and was interrupted right after that
+        if stage == 2 and not is_tried and is_due(self.optimization, self.dataset):
             self._try_depth_cost(partial(self._begin, stage, *arguments))
         self._optimize(self.optimization, self.report["history"])
         self.report["returns"] = self.report.get("returns", 0) + self.optimization.returns
         self._note_memory()
 
     def _optimize(self, optimization, history, until=None, how=""):
-        step_count = optimization.step_count
-        note = History(history, self.stage, step_count, self._seconds).note
-        title = f"stage {self.stage}{how}"
-        optimization.run(self.progress, title, self._pause, note, until)
+        """Do steps of a stage; what is paused for is `optimization`, with its history."""
+        note = History(history, self.stage, optimization.step_count, self._seconds).note
+        pause = partial(self._pause, optimization, history)
+        optimization.run(self.progress, f"stage {self.stage}{how}", pause, note, until)
 
     def _try_depth_cost(self, begin):
-        """Begin stage 2 twice, where that is due, and keep the better (depth_trial.py).
+        """Begin stage 2 twice, and keep the better beginning, see depth_trial.py.
 
-        Until then the beginning without the cost is what is saved and exported.
+        Until then the one without the cost is what is saved, and kept after Ctrl-C.
+
+        Args:
+            begin: Begins stage 2 with a cost, see Optimization.
         """
         first, history = self.optimization, self.report["history"]
-        until = trial_end(first, self.dataset.view_count)
-        if not until:
-            return
-        with self.bank.holding_aside(views_aside(self.dataset.view_count)) as pixels:
-            if first.number < until:
-                self._optimize(first, history, until)
-            without = held_psnr(first, pixels)
-            first.rest()
-            rows = [row for row in history if row["stage"] == 1]
+        second, rows = None, [row for row in history if row["stage"] != self.stage]
+        with self.bank.holding_aside(validation_views(self.dataset.view_count)) as pixels:
+            if first.number < TRIAL_STEPS:
+                self._optimize(first, history, TRIAL_STEPS, ", without a cost of depth")
+            first.free_batches()
             try:
-                second = begin(self.options.depth_cost, int(COST_SHARE * until))
-                self._optimize(second, rows, until, ", with a cost of depth")
-                gain = held_psnr(second, pixels) - without
-                second.rest()
+                without = validation_psnr(first, pixels)
+                second = begin(self.options.depth_cost, DEPTH_STEPS)
+                self._optimize(second, rows, TRIAL_STEPS, ", with a cost of depth")
+                second.free_batches()
+                gain = validation_psnr(second, pixels) - without
             except (Diverged, *ALLOCATION_ERRORS) as error:
                 if not isinstance(error, Diverged) and not lacks_memory(error):
                     raise
-                gain, second = 0.0, None
-        if gain > 0.0:
-            self.field, self.optimization = second.field, second
-            history[:] = rows
-        self.report["depth_gain"] = gain
-        kept = "goes on with it" if gain > 0.0 else "goes on without"
-        self.progress.say(f"A cost of depth gives {gain:+.2f} dB on views held aside: {kept}.")
-        self.optimization.set_ray_count(self.optimization.ray_count)
+                self.progress.say(f"Going on without a cost of depth: {str(error) or 'no memory'}.")
+                gain = None
+        if gain is not None and second.samples_per_step < first.samples_per_step:
+            gain = None  # both fields at once were too much memory, so they are not comparable
+        if gain is not None:
+            self.report["depth_gain"] = gain
+            kept = "goes on with it" if gain > 0.0 else "goes on without"
+            self.progress.say(f"A cost of depth gives {gain:+.2f} dB on validation views: {kept}.")
+            if gain > 0.0:
+                self.field, self.optimization = second.field, second
+                history[:] = rows
+        del first, second
+        give_memory_back(self.field.device)
+        self.optimization.go_on()
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step
@@ -362,7 +371,7 @@ class _Run:
             used += wp.get_mempool_used_mem_current(self.field.device)
             self.memory[self.stage - 1] = max(self.memory[self.stage - 1], used)
 
-    def _pause(self):
+    def _pause(self, optimization, history):
         self._note_memory()
         due = time.perf_counter() - self.saved > CHECKPOINT_SECONDS
         if self.workers.any(due and self.checkpoint_path is not None):
@@ -372,23 +381,24 @@ class _Run:
             begin = time.perf_counter()
             pause = Pause(
                 self.stage,
-                self.optimization.number,
-                self.optimization.step_count,
+                optimization.number,
+                optimization.step_count,
                 begin - self.start,
                 self.progress.rate,
-                list(self.report["history"]),
-                self._export,
+                list(history),
+                partial(self._export, optimization),
             )
             try:
                 self.on_pause(pause)
             finally:
                 self.start += time.perf_counter() - begin
 
-    def _export(self) -> TetField:
-        with self.optimization.averaged() if self.optimization else nullcontext():
+    def _export(self, optimization) -> TetField:
+        field = optimization.field if optimization else self.field
+        with optimization.averaged() if optimization else nullcontext():
             poses = in_space(self.dataset.poses, self.world_to_model)
             meta = {**self.report, "views": rows_of_views(poses, self.dataset.lenses)}
-            return self.field.export(self.world_to_model, meta)
+            return field.export(self.world_to_model, meta)
 
     def _out_of_memory(self, error, consequence="") -> OutOfMemory:
         """Save a checkpoint, if one worker trains and has done a step; return the sentence."""
@@ -441,7 +451,7 @@ class _Run:
         )
         if self.exposure is not None:
             report["exposure_spread"] = self.exposure.spread()
-        alone = whole = self._export()
+        alone = whole = self._export(self.optimization)
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()
             alone = object_alone(whole, field.densities().cpu().numpy(), self.found.box, ground)

@@ -118,7 +118,8 @@ class TrainJob(ProcessJob):
             self.trained, self.paused = True, False
         else:
             before, self.progress = self.progress, event
-            if before is not None and before["stage"] == event["stage"]:
+            is_on = before is not None and before["stage"] == event["stage"]
+            if is_on and event["step"] > before["step"]:  # stage 2 may begin twice
                 seconds = max(event["seconds"] - before["seconds"], 1e-9)
                 self.steps_per_second = (event["step"] - before["step"]) / seconds
 

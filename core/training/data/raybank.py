@@ -210,10 +210,13 @@ class RayBank:
         for view in views:
             aside[first[view] : first[view + 1]] = True
         is_held = aside[pixels]
+        held = pixels[is_held]
         self.bank.pool = wp.array(pixels[~is_held], dtype=int, device=self.device)
+        del pixels, aside, is_held
         try:
-            yield pixels[is_held]
+            yield held
         finally:
+            wp.synchronize_device(self.device)  # batches that are marched ahead draw from it
             self.bank.pool = before
 
     @property

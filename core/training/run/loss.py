@@ -43,7 +43,7 @@ def training_loss(
         distortion_weight: Weight of the distortion loss (Mip-NeRF 360, Eq. 15).
         limits: Learn from the batch how many samples its rays need.  They set its `fits` to 0 for
             the rays that they leave out, and what they learn has to be kept: see `keep` there.
-        depth_weight: Weight of the cost of depth; None: there is none.  torch [1]
+        depth_weight: Weight of the lead, without surroundings; None: 0.  torch [1]
     """
     color, opacity, distortion, lead, _, visible, excess = field.composite(batch)
     if limits is not None:

@@ -81,13 +81,13 @@ class Optimization:
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
         self.workers = field.workers
         self.distortion = 0.0 if "distortion" in options.leave_out else options.distortion
-        self.depth_cost, self.depth_steps = depth_cost, depth_steps
         self.samples_per_step = options.samples_per_step
         self.number = 0
         # Draws and jitter follow from the step's number and the seed.
         self._first_seed = (options.seed * SEED_STRIDE) % 2**30
         device = field.torch_device
         self._white = torch.zeros(1, device=device)
+        self.depth_cost, self.depth_steps = depth_cost, depth_steps
         self._depth_weight = torch.zeros(1, device=device) if depth_cost else None
         self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
@@ -118,7 +118,8 @@ class Optimization:
         Args:
             after_pause: Called every few steps.
             note: The same, with the number of steps and the last one's error, finite or not.
-            until: Stop after that many steps of the stage; the field keeps its weights.
+            until: Stop after that many steps of the stage, a multiple of PAUSE_INTERVAL, because
+                weights are averaged there; the field keeps its weights.
 
         Raises:
             Diverged: See there.
@@ -180,6 +181,11 @@ class Optimization:
         decay = 0.0 if "table-decay" in self.options.leave_out else self.options.table_decay
         return decay / self.bank.drawn_pixel_count
 
+    def go_on(self):
+        """Make the batches anew that were freed; a cost of depth is over."""
+        self._depth_weight = None
+        self.set_ray_count(self.ray_count)
+
     @property
     def returns(self) -> int:
         """How often the stage went back to its last good weights."""
@@ -197,7 +203,7 @@ class Optimization:
     def set_ray_count(self, ray_count: int, capacity: int | None = None):
         """Take that many rays a step; on CUDA the next one records graphs for `capacity`."""
         device = self.field.device
-        self.rest()
+        self.free_batches()
         samples, copies = None, 1  # the CPU makes space for what each march finds
         if device.is_cuda:
             samples = -(-self.samples_per_step // self.workers.count)
@@ -211,8 +217,8 @@ class Optimization:
                 batch.mask = wp.clone(self.field.mask)
         self.ray_count = ray_count
 
-    def rest(self):
-        """Free the memory of batches and graphs; `set_ray_count` makes new ones."""
+    def free_batches(self):
+        """Free the memory of batches and graphs."""
         if self._recorded:
             torch.cuda.synchronize(self.field.torch_device)
         self._batches, self._recorded = [], None
@@ -341,7 +347,7 @@ class Optimization:
         count = halved(error, self.samples_per_step, SMALLEST_SPACE, "samples a step", self.workers)
         self.samples_per_step = count
         ray_count = max(FEWEST_RAYS, self.ray_count // 2)
-        self.rest()
+        self.free_batches()
         give_memory_back(self.field.device)
         self.set_ray_count(ray_count)
         name = memory_name(error)

@@ -1,14 +1,17 @@
 """The trial of a cost of depth: when it is made, what it compares, and what goes on after it."""
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from deformrf.core.field import FieldOptions
 from deformrf.core.geometry import a15_grid
 from deformrf.core.render import Camera, Renderer, RenderOptions, in_space
 from deformrf.core.training import (
+    depth_trial,
     load_checkpoint,
     preset,
     trainer,
@@ -16,13 +19,14 @@ from deformrf.core.training import (
     world_to_unit_cube,
 )
 from deformrf.core.training.data.raybank import RayBank
-from deformrf.core.training.depth_trial import held_psnr, trial_end, views_aside
+from deformrf.core.training.depth_trial import is_due, validation_psnr, validation_views
 from deformrf.core.training.metrics import psnr
 from deformrf.core.training.run.differentiable import on_warp_stream
 from deformrf.core.training.run.distributed import Workers
-from deformrf.core.training.run.optimization import Optimization
+from deformrf.core.training.run.optimization import PAUSE_INTERVAL, Optimization
 from deformrf.core.training.run.training_field import TrainingField
 
+END, STEPS = 32, 96  # of a trial and of stage 2
 TRIED = preset(
     "tiny",
     depth_cost=0.05,
@@ -30,65 +34,92 @@ TRIED = preset(
     march_step=0.02,
     table_size_log2=12,
     coarse_steps=40,
-    fine_steps=160,
+    fine_steps=STEPS,
     samples_per_step=2**11,
     level_count=3,
 )
-END = 32  # of a trial of 160 steps
+
+
+@pytest.fixture
+def short_trials(monkeypatch):
+    """Trials of 32 of 96 steps."""
+    monkeypatch.setattr(depth_trial, "FEWEST_STEPS", STEPS)
+    for module in depth_trial, trainer:
+        monkeypatch.setattr(module, "TRIAL_STEPS", END)
+    monkeypatch.setattr(trainer, "DEPTH_STEPS", 20)
 
 
 @pytest.fixture
 def optimization(ball_data, device):
-    """A stage of 160 steps, of which 16 are done."""
+    """A stage of 15,000 steps, of which some are done."""
     views = ball_data[0]
     bank = RayBank(views, world_to_unit_cube(views, radius=1.5), device)
     options = FieldOptions(2, 2**8, march_step=0.05, deferred=True)
     field = TrainingField(a15_grid(0.25), options, device)
     with on_warp_stream(device):
-        stage = Optimization(field, bank, TRIED, views.has_alpha, 160, 1.0, 0.05, 20)
-        for number in range(16):
-            stage.number = number
+        stage = Optimization(field, bank, TRIED, views.has_alpha, 15_000, 1.0, 0.05, 20)
+        for _ in range(16):
             stage.step(0.02, white=True)
         stage._average_weights()
+        for _ in range(16):
+            stage.step(0.02, white=True)
         yield stage
 
 
-def test_a_trial_ends_at_a_pause_after_at_most_3000_steps(optimization):
-    assert trial_end(optimization, 16) == END
-    optimization.number = END + 1  # of a run that was resumed
-    assert trial_end(optimization, 16) == 0
-    optimization.step_count = 10**6
-    assert trial_end(optimization, 16) == 3000 - 3000 % 16
+def test_trials_end_at_a_pause_behind_the_cost():
+    assert depth_trial.TRIAL_STEPS % PAUSE_INTERVAL == 0
+    assert depth_trial.DEPTH_STEPS < depth_trial.TRIAL_STEPS < depth_trial.FEWEST_STEPS
+    presets = {name: preset(name) for name in ("default", "small", "fast", "tiny")}
+    assert [name for name, given in presets.items() if given.depth_cost] == ["default", "small"]
+    assert min(presets[n].fine_steps for n in ("default", "small")) >= depth_trial.FEWEST_STEPS
 
 
-def test_there_is_no_trial_where_it_could_not_tell(optimization):
-    assert trial_end(optimization, 15) == 0
+def test_there_is_no_trial_where_it_could_not_tell(optimization, ball_data, monkeypatch):
+    data = ball_data[0]
+    assert is_due(optimization, data)
+    opaque = data.pixels.copy()
+    opaque[:, :3] //= 2  # no white border
+    opaque[:, 3] = 255
+    for other in (
+        replace(data, masked=True),
+        replace(data, pixels=opaque),
+    ):
+        assert not is_due(optimization, other)
     for changes in ({"depth_cost": 0.0}, {"leave_out": ("depth-cost",)}):
         optimization.options = replace(TRIED, **changes)
-        assert trial_end(optimization, 16) == 0
+        assert not is_due(optimization, data)
     optimization.options = TRIED
-    optimization.field.workers = Workers(0, 2)
-    assert trial_end(optimization, 16) == 0
-    optimization.field.workers = Workers()
-    for part in "surroundings", "exposure", "plates":
+    for name, value in (
+        ("step_count", 14_999),
+        ("number", depth_trial.TRIAL_STEPS + 1),  # of a run that was resumed
+        ("workers", Workers(0, 2)),
+    ):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(optimization.field, part, object())
-            assert trial_end(optimization, 16) == 0
-    assert trial_end(optimization, 16) == END
-    for name in "tiny", "fast":
-        assert preset(name).depth_cost == 0.0
+            patch.setattr(optimization, name, value)
+            assert not is_due(optimization, data)
+    monkeypatch.setattr(depth_trial, "FEWEST_VIEWS", 21)
+    assert not is_due(optimization, data)
 
 
-def test_what_is_held_aside_is_scored_as_an_image_is(optimization, ball_data):
+def test_validation_views_are_scored_as_images_are(optimization, ball_data):
     """On white, by the averaged weights; the raw ones are lent and given back."""
-    views, field = list(views_aside(ball_data[0].view_count)), optimization.field
+    views, field = list(validation_views(ball_data[0].view_count)), optimization.field
     raw = [p.detach().clone() for p in field.parameters()]
     with optimization.bank.holding_aside(views) as pixels:
-        told = held_psnr(optimization, pixels)
-        assert told == held_psnr(optimization, pixels)
-    assert all((a == b).all() for a, b in zip(raw, field.parameters(), strict=True))
-    with optimization.averaged():
-        model = field.export(world_to_unit_cube(ball_data[0], radius=1.5), {})
+        told = validation_psnr(optimization, pixels)
+        assert told == validation_psnr(optimization, pixels)
+        assert all((a == b).all() for a, b in zip(raw, field.parameters(), strict=True))
+        optimization._average = None
+        assert abs(validation_psnr(optimization, pixels) - told) > 0.2
+    field.set_weights(raw)
+
+
+def test_the_score_is_that_of_the_renderer(optimization, ball_data):
+    optimization._average = None
+    views = list(validation_views(ball_data[0].view_count))
+    with optimization.bank.holding_aside(views) as pixels:
+        told = validation_psnr(optimization, pixels)
+    model = optimization.field.export(world_to_unit_cube(ball_data[0], radius=1.5), {})
     renderer, options = Renderer(model), RenderOptions(background=(1.0, 1.0, 1.0))
     poses, drawn, true = in_space(ball_data[0].poses, model.world_to_model), [], []
     for view in views:
@@ -96,77 +127,131 @@ def test_what_is_held_aside_is_scored_as_an_image_is(optimization, ball_data):
         drawn.append(renderer.render(camera, options).color_array()[..., :3] / 255.0)
         true.append(white_composite(ball_data[0].image(view)))
     assert told == pytest.approx(psnr(np.array(drawn), np.array(true)), abs=0.1)
-    assert 8.0 < told < 40.0
+
+
+def test_some_of_many_pixels_are_compared(optimization, monkeypatch):
+    with optimization.bank.holding_aside(range(16)) as pixels:
+        whole = validation_psnr(optimization, pixels)
+        monkeypatch.setattr(depth_trial, "MOST_PIXELS", len(pixels) // 2)
+        half = validation_psnr(optimization, pixels)
+    assert half != whole and abs(half - whole) < 1.0
 
 
 @pytest.mark.parametrize("gain", [1.5, -1.5])
-def test_the_run_goes_on_from_the_better_beginning(ball_data, monkeypatch, capsys, gain):
-    """Until then the views that tell teach nothing, afterwards they do."""
-    begun, early, late = [], set(), set()
-    beginning, draw = Optimization.__init__, RayBank.draw
+def test_the_run_goes_on_from_the_better_beginning(
+    ball_data, monkeypatch, capsys, short_trials, gain
+):
+    """Until then validation views teach nothing; what is given up is freed."""
+    begun, early, late, freed = [], set(), set(), []
+    beginning, march = Optimization.__init__, Optimization._march
 
     def begin(self, *arguments):
         beginning(self, *arguments)
-        begun.append(self)
+        begun.append(weakref.proxy(self, lambda _: freed.append(len(late) > 0)))
 
-    def drawn(self, seed, batch, *others, **named):
-        draw(self, seed, batch, *others, **named)
-        done = sum(stage.number for stage in begun[1:])
-        if "limits" in named and len(begun) > 1:  # a step of stage 2
-            (early if done < 2 * END else late).update(batch.views.numpy())
+    def drawn(self, batch):
+        march(self, batch)
+        if self.step_count == STEPS:
+            (early if self.number < END else late).update(batch.views.tolist())
 
-    scores = [20.0, 20.0 + gain]
+    scores, shown = [20.0, 20.0 + gain], []
     monkeypatch.setattr(Optimization, "__init__", begin)
-    monkeypatch.setattr(RayBank, "draw", drawn)
-    monkeypatch.setattr(trainer, "held_psnr", lambda *_: scores.pop(0))
-    run = trainer.train(ball_data[0], TRIED, "cpu", "ball")
-    _, without, with_cost = begun
-    assert (without.depth_cost, with_cost.depth_cost) == (0.0, 0.05)
-    kept, other = (with_cost, without) if gain > 0.0 else (without, with_cost)
-    assert (kept.number, other.number) == (160, END)
+    monkeypatch.setattr(Optimization, "_march", drawn)
+    monkeypatch.setattr(trainer, "validation_psnr", lambda *_: scores.pop(0))
+
+    def look(pause):
+        if pause.stage == 2:
+            last = pause.history[-1]
+            assert (last["stage"], last["step"]) == (2, pause.step)
+            shown.append(pause.step)
+
+    run = trainer.train(ball_data[0], TRIED, "cpu", "ball", on_pause=look)
     assert run.complete and run.report["depth_gain"] == pytest.approx(gain)
+    assert shown == [16, 16, *range(48, STEPS, 16)]
     steps = [row["step"] for row in run.report["history"] if row["stage"] == 2]
-    assert steps == sorted(set(steps)) and steps[-1] == 160
+    assert steps == sorted(set(steps)) and steps[-1] == STEPS
     said = " ".join(capsys.readouterr().out.split())
-    assert f"A cost of depth gives {gain:+.2f} dB on views held aside: goes on with" in said
-    aside = set(views_aside(ball_data[0].view_count))
+    choice = "goes on with it" if gain > 0.0 else "goes on without"
+    assert f"A cost of depth gives {gain:+.2f} dB on validation views: {choice}." in said
+    aside = set(validation_views(ball_data[0].view_count))
     assert early == set(range(20)) - aside and late == set(range(20))
+    assert len(freed) >= 2 and not freed[1]  # stage 1, and a beginning before what follows
 
 
-def test_a_run_that_is_interrupted_in_its_trial_ends_where_another_does(
-    ball_data, monkeypatch, tmp_path
+def interrupted_at(monkeypatch, ball_data, path, step_count):
+    """The checkpoint of a run that Ctrl-C ends after so many steps of stage 2."""
+    step, done = Optimization.step, []
+
+    def interrupted(self, *arguments):
+        if self.step_count == STEPS:
+            if len(done) == step_count:
+                raise KeyboardInterrupt
+            done.append(self)
+        step(self, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Optimization, "step", interrupted)
+        half = trainer.train(ball_data[0], TRIED, "cpu", "ball", path)
+    assert half.interrupted and half.resumable
+    return load_checkpoint(path)
+
+
+@pytest.mark.parametrize("gain", [1.5, -1.5])
+def test_a_run_that_is_interrupted_ends_where_another_does(
+    ball_data, monkeypatch, tmp_path, short_trials, gain
 ):
-    """In the first beginning and in the second one, whose steps are lost."""
+    """In either beginning, right after the trial, and later; steps of the second are lost."""
+    monkeypatch.setattr(trainer, "validation_psnr", lambda run, _: gain * (run.depth_cost > 0.0))
     whole, path = trainer.train(ball_data[0], TRIED, "cpu", "ball"), tmp_path / "ball.checkpoint"
-    for steps in (24, END + 8):
-        step, done = Optimization.step, []
-
-        def interrupted(self, *arguments, step=step, done=done, steps=steps):
-            if self.step_count == 160:
-                done.append(self)
-                if len(done) == steps:
-                    raise KeyboardInterrupt
-            step(self, *arguments)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(Optimization, "step", interrupted)
-            half = trainer.train(ball_data[0], TRIED, "cpu", "ball", path)
-        assert half.interrupted and half.resumable
-        resumed = load_checkpoint(path)
-        assert resumed.fit["step"]["number"] == min(steps - 1, END)
+    for steps, number in ((24, 24), (END + 8, END), (2 * END, END), (2 * END + 20, END + 20)):
+        resumed = interrupted_at(monkeypatch, ball_data, path, steps)
+        assert resumed.fit["step"]["number"] == number
         again = trainer.train(ball_data[0], TRIED, "cpu", "ball", path, resumed)
-        assert again.report["depth_gain"] == whole.report["depth_gain"]
+        assert again.report["depth_gain"] == whole.report["depth_gain"] == gain
         np.testing.assert_array_equal(again.field.table, whole.field.table)
 
 
-def test_a_second_beginning_that_is_lost_changes_nothing(ball_data, monkeypatch):
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (trainer.Diverged("the loss became nan"), "the loss became nan"),
+        (torch.OutOfMemoryError("CUDA out of memory"), "the GPU's memory is too small"),
+    ],
+)
+def test_a_second_beginning_that_is_lost_changes_nothing(
+    ball_data, monkeypatch, capsys, short_trials, error, said
+):
+    scores = [1.0, 0.0]
+    with monkeypatch.context() as patch:
+        patch.setattr(trainer, "validation_psnr", lambda *_: scores.pop(0))
+        without = trainer.train(ball_data[0], TRIED, "cpu", "ball")
     step = Optimization.step
 
     def lost(self, *arguments):
         step(self, *arguments)
         if self.depth_cost:
-            raise trainer.Diverged("the loss became nan")
+            raise error
 
     monkeypatch.setattr(Optimization, "step", lost)
+    capsys.readouterr()
     run = trainer.train(ball_data[0], TRIED, "cpu", "ball")
-    assert run.complete and run.report["depth_gain"] == 0.0
+    assert run.complete and "depth_gain" not in run.report
+    np.testing.assert_array_equal(run.field.table, without.field.table)
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"Going on without a cost of depth: {said}" in told
+
+
+def test_beginnings_that_memory_made_unequal_are_not_compared(ball_data, monkeypatch, short_trials):
+    step, failed = Optimization.step, []
+
+    def tight(self, *arguments):
+        if self.depth_cost and not failed:
+            failed.append(self.number)
+            raise torch.OutOfMemoryError("CUDA out of memory")
+        step(self, *arguments)
+
+    monkeypatch.setattr("deformrf.core.training.run.optimization.SMALLEST_SPACE", 2**8)
+    monkeypatch.setattr(Optimization, "step", tight)
+    monkeypatch.setattr(trainer, "validation_psnr", lambda run, _: run.depth_cost)
+    run = trainer.train(ball_data[0], TRIED, "cpu", "ball")
+    assert failed and run.complete and "depth_gain" not in run.report
