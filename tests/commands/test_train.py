@@ -26,7 +26,7 @@ from deformrf.core.training import preset, trained_tets
 from deformrf.core.training.run import optimization
 trained_tets.SPUR = 10**9
 torch.set_num_threads(1)  # on a busy machine, short steps of several wait for each other
-few = {"spacing": 0.15, "coarse_steps": 40, "fine_steps": 64, "level_count": 3}
+few = {"spacing": 0.15, "coarse_steps": 40, "fine_steps": 192, "level_count": 3}
 training.train_options = lambda _: preset("tiny", samples_per_step=2**12, march_step=0.06, **few)
 optimization.RAYS_AT_START = optimization.FEWEST_RAYS
 train.TOLD_SECONDS, train.SECONDS, train.AGE_SHARE, train.COST_SHARE = 0.0, 0.0, 0.0, math.inf

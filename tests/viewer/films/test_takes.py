@@ -107,7 +107,7 @@ def test_a_take_is_made_into_a_film(taken, tmp_path, capfd):
 
 def test_a_viewer_that_closes_ends_the_film_where_it_is(taken, tmp_path, monkeypatch):
     takes = taken.takes
-    takes.choices.fps, takes.choices.samples = 60, 64  # which takes a while
+    takes.choices.fps, takes.choices.samples = 60, 16  # which takes a while
     takes.start_film()
     job = takes.job
     until(lambda: job.frame >= 3)  # that are drawn; the last one may not be encoded

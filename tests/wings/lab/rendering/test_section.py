@@ -89,7 +89,7 @@ def test_exactness_costs_what_it_is_known_to(renderer):
     assert rows["conformance"].psnr > rows["default"].psnr > rows["stop 0.2"].psnr + 3.0
     rows[f"stop {usual:g}"] = rows["default"]
     for longer, shorter in pairwise(rows[f"stop {stop:g}"] for stop in TERMINATIONS):
-        assert shorter.psnr < longer.psnr + 0.3  # rounding to bytes may help one
+        assert shorter.psnr < longer.psnr + 0.5  # rounding to bytes may help one
         assert shorter.samples <= longer.samples
 
 
