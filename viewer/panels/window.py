@@ -23,6 +23,7 @@ from .training import training_lines, training_panel
 BAR_WIDTH = 360.0
 MARGIN = 10.0
 NARROW = 660.0  # points of the free part, where windows stand in the middle of all
+LEAST_PANEL = 160.0  # points of height, or the timeline lies beside the task's panel
 LEAST_VIEW = 260.0  # points that the panels leave to the view, if the window has them
 FIRST_LINE = "Drag the object to bend it"  # until that has been done once
 FLAGS = imgui.WindowFlags_
@@ -81,11 +82,15 @@ class Panels:
         if takes.shows_frame or takes.asking:
             frame_overlay(film_frame((size.x, size.y), covered, takes.aspect))
         gui.guarded(self.menus)
+        is_low = size.y - covered.top - covered.bottom < LEAST_PANEL
+        strip = STRIP_HEIGHT * settings.show_timeline
         if settings.show_panel:
-            self._frame(covered)
+            self._frame(covered, covered.bottom - strip * is_low)
         if settings.show_timeline:
-            left = strip_width() * settings.show_panel
-            place = left, size.y - covered.bottom, size.x - left, STRIP_HEIGHT
+            left, right = strip_width() * settings.show_panel, 0.0
+            if is_low:
+                left, right = covered.left, covered.right
+            place = left, size.y - covered.bottom, size.x - left - right, STRIP_HEIGHT
             self._fixed("timeline", timeline_strip, place)
         self._floating_windows(covered)
         self._question(covered)
@@ -97,14 +102,14 @@ class Panels:
             self._gui.claim()
             imgui.end_main_menu_bar()
 
-    def _frame(self, covered):
-        """Tools, the task's panel, the status line."""
+    def _frame(self, covered, below):
+        """Tools, the task's panel with so much below it, the status line."""
         size, settings = imgui.get_io().display_size, self._app.scene.settings
         top, low, side = covered.top, status_height(), self._panel_width()
         tools = 0.0, top, strip_width(), size.y - top - low
         self._fixed("tools", tool_strip, tools, padding=0.5)
         left = strip_width() if settings.panel_side == "left" else size.x - side
-        self._fixed("task", inspector, (left, top, side, size.y - top - covered.bottom))
+        self._fixed("task", inspector, (left, top, side, size.y - top - below))
         self._fixed("status", status_line, (0.0, size.y - low, size.x, low), padding=0.4)
 
     def _fixed(self, name, panel, place, padding=1.0):

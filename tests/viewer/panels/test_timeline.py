@@ -142,3 +142,25 @@ def test_the_chosen_keys_easing_is_one_of_the_list(app, monkeypatch):
     (camera,) = app.scene.timeline.keys["camera"]
     assert shown["##easing"] == ("smooth", [*EASINGS])
     assert camera.easing == [*EASINGS][-1] != "smooth"
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_in_a_low_window_the_timeline_lies_beside_the_tasks_panel(app, side):
+    """It would leave the panel no height; letters of twice the size make a window as low."""
+    from imgui_bundle import imgui
+
+    settings = app.scene.settings
+    settings.show_panel, settings.panel_side = True, side
+    seen = []
+    for scale in (0.5, 0.8, 1.0):  # 640, 400 and 320 points wide
+        settings.panel_scale = scale
+        frames(app, 4)
+        task, strip = map(imgui.internal.find_window_by_name, ("task", "timeline"))
+        below = strip.pos.y >= task.pos.y + task.size.y
+        first, second = sorted((task, strip), key=lambda one: one.pos.x)
+        beside = second.pos.x >= first.pos.x + first.size.x - 1.0  # whole pixels
+        assert below or beside
+        if below:
+            assert task.size.y >= 160.0
+        seen.append(below)
+    assert seen == [True, False, False]
