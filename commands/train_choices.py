@@ -99,7 +99,7 @@ def contradiction(arguments, options) -> str | None:
         if getattr(arguments, name) not in (not_given, value):
             no = "no-" if name == "view_dependence" else ""
             return f"--{no}{name.replace('_', '-')}"
-    # Of older checkpoints 0.
+    # It is 0 in older checkpoints, and no flag gives it.
     known["depth_cost"] = options.depth_cost
     asked = replace(training.preset(arguments.preset), **known)
     if arguments.steps is not None:

@@ -203,7 +203,10 @@ class RayBank:
 
     @contextmanager
     def holding_aside(self, views):
-        """Context in which no pixel of these views is drawn at random; those that would be [n]."""
+        """Context in which pixels of these views are not drawn at random.
+
+        It gives those of them that are drawn otherwise.  [n] int32
+        """
         before, first = self.bank.pool, self.bank.first_pixels.numpy()
         pixels = before.numpy() if len(before) else np.arange(self.pixel_count, dtype=np.int32)
         aside = np.zeros(self.pixel_count, bool)
