@@ -78,6 +78,13 @@ def test_the_same_command_and_resume_go_on(call, trainer, data, tmp_path, flags)
     assert trainer.calls[1][1] == trainer.calls[1][5].options == options
 
 
+def test_a_run_of_a_version_without_trials_goes_on(call, trainer, data, tmp_path):
+    unfinished(tmp_path / "m.checkpoint", preset("small", depth_cost=0.0))
+    flags = ("--device", "cpu", "--resume", "--preset", "small")
+    assert call(train.main, data, "-o", tmp_path / "m.npz", *flags).code == 0
+    assert trainer.calls[0][1].depth_cost == 0.0
+
+
 def test_the_order_of_what_is_left_out_is_no_difference(call, trainer, data, tmp_path):
     unfinished(tmp_path / "m.checkpoint", preset("tiny", leave_out=("distortion", "subtet-mask")))
     flags = ("--device", "cpu", "--resume", "--leave-out", "subtet-mask", "distortion")

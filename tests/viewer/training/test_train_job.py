@@ -267,3 +267,12 @@ def test_the_offer_is_answered_with_the_mouse(app, photos, monkeypatch):
     app.window.dispatch_events()
     app.run(app.frame_count + 2)
     assert began == [app] and app.questions.dialog is None
+
+
+def test_a_stage_that_begins_twice_has_no_steps_backwards():
+    job = TrainJob.__new__(TrainJob)  # runs nothing
+    rates = []
+    for step, seconds in ((10, 1.0), (40, 2.0), (16, 3.0), (36, 4.0)):
+        job.note({"event": "step", "stage": 2, "step": step, "seconds": seconds})
+        rates.append(job.steps_per_second)
+    assert rates == [0.0, 30.0, 30.0, 20.0]
