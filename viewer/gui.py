@@ -263,6 +263,7 @@ class Gui:
             self._io.clear_events_queue()
             self._io.clear_input_keys()
             self._io.clear_input_mouse()
+            self._io.want_text_input = False  # nobody types into it; ImGui says so a frame later
         self._dialog = name
         if not name:
             yield False

@@ -198,6 +198,27 @@ def test_keys_are_shortcuts_again_as_soon_as_the_dialog_is_gone(app, tmp_path):
     assert app.questions.dialog is None and app.scene.clock.paused
 
 
+def test_keys_are_shortcuts_one_frame_after_enter_twice_ended_the_dialog(app, tmp_path):
+    """Frames are slow: ImGui has given the field the keys again, and has not seen that it went."""
+    from pyglet.window import key
+
+    (tmp_path / "a.deformrf").touch()
+    app.questions.dialog = FileDialog(
+        "Save as", tmp_path, (".deformrf",), lambda path: "", "a.deformrf"
+    )
+    frames(app, 3)
+    for count in (3, 1):
+        assert app.questions.name == "dialog"
+        send(app, "on_key_press", key.RETURN, 0)
+        send(app, "on_key_release", key.RETURN, 0)
+        frames(app, count)
+    assert app.questions.dialog is None
+    for paused in (True, False, True):
+        frames(app, 1)
+        send(app, "on_key_press", key.SPACE, 0)
+        assert app.scene.clock.paused == paused
+
+
 def test_enter_twice_replaces_a_file_though_frames_are_slow(app, tmp_path):
     """ImGui's field doesn't take the second Enter while it gets the keys again."""
     from pyglet.window import key
