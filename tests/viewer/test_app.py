@@ -127,9 +127,9 @@ def test_the_panel_names_the_vertex_under_the_mouse_and_the_one_held(bare):
     at = view_point(bare, vertex)
     shown = bare.scene.handles
     title = shown.title(vertex)
-    assert vertex_line(shown) == "nothing under the mouse"
+    assert vertex_line(shown) == "nothing selected"
     send(bare, "on_mouse_motion", *at, 0, 0)
-    assert vertex_line(shown) == title
+    assert vertex_line(shown) == f"nothing selected; mouse on {title}"
     send(bare, "on_mouse_press", *at, mouse.LEFT, 0)
     send(bare, "on_mouse_drag", at[0] + 9, at[1], 9, 0, mouse.LEFT, 0)
     assert vertex_line(shown) == f"holding {title}"

@@ -142,7 +142,7 @@ method("body.clear_paint", _help, "CTRL+E", "Edit/Even stiffness")
 
 tool("delete", "delete with a brush (Shift: all through)", "D", "Edit/Delete/Erase")
 tool("delete box", "delete in a box (Ctrl: around it)", "SHIFT+D", "Edit/Delete/Cut box")
-tool("delete lasso", "delete in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Cut out")
+tool("delete lasso", "delete in a lasso", "CTRL+SHIFT+D", "Edit/Delete/Cut lasso")
 tool("isolate", "isolate one thing: a click, strokes, Enter", menu="Edit/Delete/Isolate")
 
 

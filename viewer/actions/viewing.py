@@ -123,7 +123,7 @@ for _surface, _help, _key, _name in (
 
 
 @action(
-    *("hide or show all points and pins", "H", "View/Vertices", "CTRL+H"),
+    *("hide or show all red points and pins", "H", "View/Red points", "CTRL+H"),
     on=has("show_handles", True),
 )
 def toggle_handles(settings, handles):

@@ -32,12 +32,12 @@ STEPS_SHOWN = 8  # of what was done
 
 def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actions):
     """What a beginner needs first; physics under *Advanced*."""
-    w.buttons(actions, "pause", "reset")
+    w.buttons(actions, "pause", "reset", "rest_here", *["undo_rest_here"] * body.rests_elsewhere)
     if w.section("Hand"):
         text = f"{100.0 * settings.grab_radius:.0f} %% of its size"
         w.slider("takes along", *w.of(settings, "grab_radius"), GRAB_RADII, text, 0, TAKES)
         w.checkbox("grab anywhere", *w.of(settings, "grab_anywhere"), ANYWHERE)
-        imgui.same_line()
+        imgui.same_line(0.0, w.APART)
         w.checkbox("soft grip", *w.of(settings, "soft_grab"), SOFT)
         _gizmo(settings, controls, gui, actions)
         _selection(handles)
@@ -46,7 +46,6 @@ def bend_panel(scene, body, cuts, handles, settings, controls, gui, times, actio
         w.combo("material", body.material, lambda one: body.set_material(**vars(one)), MATERIALS)
         text, stiffness = f"{si(body.material.young_modulus)}Pa", _material(body, "young_modulus")
         w.slider("stiffness", *stiffness, (1e3, 1e9), text, w.LOGARITHMIC, "Young's modulus")
-        w.buttons(actions, "rest_here", *["undo_rest_here"] * body.rests_elsewhere)
     if w.section("World"):
         _world(scene, body)
     if w.section("Advanced", is_open=False):
@@ -89,14 +88,13 @@ def _selection(handles):
 
 
 def vertex_line(handles) -> str:
-    """What is held or under the mouse; a line in any case, or the panel would jump."""
-    grabbed = handles.grabbed
+    """What is held, selected and under the mouse; a line in any case, or the panel would jump."""
+    grabbed, count = handles.grabbed, len(handles.selected)
     if grabbed is not None:
         first, more = grabbed.handles[0], len(grabbed.handles) - 1
         return f"holding {handles.title(first)}" + f" and {more} more" * (more > 0)
-    if handles.hover is not None:
-        return handles.title(handles.hover)
-    return f"{len(handles.selected)} selected" if handles.selected else "nothing under the mouse"
+    line = f"{count} point{'s' * (count != 1)} selected" if count else "nothing selected"
+    return line if handles.hover is None else f"{line}; mouse on {handles.title(handles.hover)}"
 
 
 def _material(body, name):
@@ -123,11 +121,11 @@ def _tool_options(settings, cuts, body, actions):
 def _world(scene, body):
     """What the object is held by, and what it meets."""
     w.checkbox("foot held", scene.held, scene.hold, "by its lowest part; off lets all pins go")
-    imgui.same_line()
+    imgui.same_line(0.0, w.APART)
     apart = f"its lines are {line_spacing(body.meters):g} m apart"
     tooltip = f"what the object can fall and lie on; {apart}"
     w.checkbox("solid ground", scene.on_ground, scene.set_ground, tooltip)
-    imgui.same_line()
+    imgui.same_line(0.0, w.APART)
     on = body.gravity > 0.0
     w.checkbox("gravity", on, lambda wanted: scene.set_gravity(EARTH if wanted else 0.0))
     if on:

@@ -99,7 +99,7 @@ def _search(search, keys, width):
     chosen = found[search.number].action if entered else ""
     with imgui_ctx.begin_child("found", _list_size(width)):
         for number, entry in enumerate(found):
-            if _row(entry, number == search.number, width):
+            if _row(entry, bool(search.text.strip()) and number == search.number, width):
                 chosen = entry.action
         if not found:
             imgui.text_disabled("nothing is called so")

@@ -7,7 +7,7 @@ from ..films import FORMATS, FREE, KINDS, RATES, SAMPLE_COUNTS, SIZES, TURN_SECO
 from . import widgets as w
 
 FILM_WIDTH = 340.0
-BUTTONS = 130.0  # points that the window takes besides what is chosen
+BUTTONS = 150.0  # points that the window takes besides what is chosen
 BLUR_TOOLTIP = """spreads the samples over half a frame's time;
 it needs 4 samples or more, and 16 look smooth"""
 SAMPLES_TOOLTIP = "rays a pixel: 16 make smooth edges, and take 16 times as long"
@@ -16,12 +16,16 @@ FORMS = {
     **{"1080x1080": ", square 1:1", "1080x1920": ", portrait 9:16"},
 }
 FOLDER_HINT = "the current folder"
+STEPS = """Make a film: in full quality, of the timeline, of a turn, or of what you did.
+Record what I do: begin, and stop later; a film can show just that.
+Record the screen: at once, as coarse as the view."""
 IN_PICTURES = "toggle_handles_in_clips", "toggle_panel_in_screenshots"  # boxes
 RECORDING_RED = (0.95, 0.25, 0.20, 1.0)
 
 
 def filming_panel(recorder, actions):
-    w.buttons(actions, "record", "save_film", "screenshot", "record_screen")
+    w.buttons(actions, "save_film", "record", "record_screen", "screenshot")
+    imgui.text_wrapped(STEPS)
     if video := recorder.video:
         told = f"{video.repeated_count} repeated, {video.dropped_count} left out"
         imgui.text(f"{video.frame_count} frames, {told}")
@@ -50,16 +54,17 @@ def film_window(takes) -> None:
         _file(choices, takes.problem)
     is_good = choices.name and not takes.why_not(choices.what)
     seconds = takes.film_seconds(choices.what)
-    known = f"{seconds:.1f} s long; rendering: {takes.estimator.line}" if is_good else ""
+    known = f"{choices.path}\n{seconds:.1f} s long; rendering: {takes.estimator.line}"
+    known = known if is_good else "" if choices.name else "a film needs a name"
     with imgui_ctx.push_text_wrap_pos(FILM_WIDTH):
         imgui.text_wrapped(readable(takes.problem or known))
     imgui.begin_disabled(not is_good)
-    if (imgui.button("Render") or w.was_entered()) and is_good:
-        takes.start_film()
-    imgui.set_item_tooltip(f"writes {readable(choices.path)}")
+    answer = w.answers("Render", enter="Render")
     imgui.end_disabled()
     imgui.same_line()
-    if imgui.button("Cancel"):
+    if answer and is_good:
+        takes.start_film()
+    elif imgui.button("Cancel"):
         takes.asking = False
 
 
@@ -104,7 +109,6 @@ def _file(choices, problem):
     flags = imgui.InputTextFlags_.auto_select_all.value
     choices.name = imgui.input_text(w.named("name"), choices.name, flags)[1]
     choices.folder = w.text_field(w.named("folder"), choices.folder, FOLDER_HINT)
-    imgui.text_wrapped(readable(choices.path) if choices.name else "a film needs a name")
 
 
 def progress_window(takes) -> None:

@@ -14,7 +14,7 @@ from ..settings import HANDS, KEYS
 from .widgets import button, icon, segments
 
 BETWEEN = 16.0  # points between two groups at the right
-SEARCH_WIDTH, ICON_WIDTH = 150.0, 32.0  # of the search with its words, and without
+SEARCH_WIDTHS = 150.0, 82.0, 32.0  # of the search with its key, its word, or without
 KEYS_TITLE, KEYS_CLOSE = "Keys:", "x"
 KEYS_LATER = "The menu Help has them, too"
 HAND_TITLE, HAND_WORDS = "When let go:", dict(zip(HANDS, ("springs back", "stays"), strict=True))
@@ -67,8 +67,9 @@ def menu_bar(settings, handles, controls, actions, preferences, opening) -> None
     offered = offer_width() + BETWEEN if offers_keys(preferences, settings) else 0.0
     titled = end - switch_width(True) > left
     right = end - switch_width(titled)
-    worded = right - SEARCH_WIDTH - BETWEEN > left + offered
-    width = SEARCH_WIDTH if worded else ICON_WIDTH
+    space = right - BETWEEN - left - offered
+    left_out = next((n for n, width in enumerate(SEARCH_WIDTHS) if width < space), 2)
+    width, words = SEARCH_WIDTHS[left_out], ("  Search", f"   {actions.label('search')}")
     place = right - width - BETWEEN
     if place > left:
         if offered and place - offered > left:
@@ -76,8 +77,8 @@ def menu_bar(settings, handles, controls, actions, preferences, opening) -> None
             keys_offer(settings, actions)
             imgui.same_line()
         imgui.set_cursor_pos_x(place)
-        words = f"  Search   {actions.label('search')}" * worded
-        button(actions, "search", icon("magnifying_glass") + words, width)
+        label = icon("magnifying_glass") + "".join(words[: 2 - left_out])
+        button(actions, "search", label, width)
     imgui.set_cursor_pos_x(max(right, imgui.get_cursor_pos_x()))
     hand_switch(settings, handles, actions, titled)
 

@@ -6,6 +6,7 @@ from ..style import accent
 from .film import RECORDING_RED, recording_line
 
 BETWEEN = 18.0  # points
+IN_A_DRAG = {"turn": "turn", "scale": "scale", "along_x": "along x", "pin": "pin it there"}
 HELD_BY = {"pins": "its pins", "weight": "its weight", "wind": "the wind", "colliders": "contact"}
 
 
@@ -16,7 +17,8 @@ def status_height() -> float:
 
 def status_line(scene, controls, times, radiance, fly, takes, recorder, actions) -> None:
     """Draw it into the window that is being built: how fast things are if there is space."""
-    sign, hint, state = recording_line(takes, recorder), hint_of(controls, fly), state_line(scene)
+    sign, state = recording_line(takes, recorder), state_line(scene)
+    hint = hint_of(controls, fly, actions)
     if sign:
         imgui.text_colored(RECORDING_RED, sign)
         imgui.same_line(0.0, BETWEEN)
@@ -44,12 +46,14 @@ def status_line(scene, controls, times, radiance, fly, takes, recorder, actions)
     imgui.text_disabled(told)
 
 
-def hint_of(controls, fly) -> str:
-    """What the mouse does now."""
+def hint_of(controls, fly, actions) -> str:
+    """What the mouse does now, and while it drags a point what keys do."""
     if fly.on:
         return fly.line
     if controls.held_drag is not None:
-        return controls.held_drag.line
+        keys = [f"{actions.label(name)}: {told}" for name, told in IN_A_DRAG.items()]
+        shown = keys if controls.holder is controls.tools["grab"] else []
+        return "   ".join([controls.held_drag.line, *shown])
     return f"{controls.tool.word}: {controls.tool.hint}"
 
 

@@ -23,9 +23,9 @@ NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
 WIDE = 780.0  # of a strip with space for whole words
-STEPS = """1  Pose the object and turn the view. {key} keeps both, as a key.
+STEPS = """1  Bend or pose it, and hold it or let it stay. Key both ({key}) keeps it and the view.
 2  Move the red line, and make the next key.
-3  {play} plays. {turn} turns the camera around the object."""
+3  Play timeline: {play}. Turntable ({turn}): the camera goes around the object."""
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
 physics moves what the keys hold, pinned or by the mouse, and the rest follows;
 between poses of bones, bones turn, and softness says what follows them"""
@@ -52,15 +52,16 @@ def _buttons(timeline, strip, actions):
     is_wide = imgui.get_content_region_avail().x >= WIDE
     w.button(actions, "play", "" if is_wide else actions.title("play").partition(" ")[0])
     imgui.same_line()
-    w.buttons(actions, "toggle_loop")
-    imgui.same_line()
     imgui.text(f"{as_time(timeline.head)} / {as_time(timeline.end)}")
+    imgui.same_line(0.0, w.APART)
+    w.buttons(actions, "toggle_loop")
     for name, gap in (("key", GAP), ("key_camera", -1.0), ("key_pose", -1.0), ("turntable", GAP)):
         imgui.same_line(0.0, gap)
         w.button(actions, name)
     imgui.same_line()
-    imgui.set_next_item_width(58.0)
-    w.slider("##turn", *w.of(strip, "turn_seconds"), (1.0, 60.0), "%.0f s", tooltip="of a turn")
+    imgui.set_next_item_width(84.0)
+    turn = w.of(strip, "turn_seconds")
+    w.slider("##turn", *turn, (1.0, 60.0), "%.0f s a turn", tooltip="how long a turn takes")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
     w.combo("##motion", timeline.motion, timeline.set_motion, MOTIONS, MOTION)

@@ -56,7 +56,7 @@ def picture_panel(settings, viewpoint, actions):
         imgui.text_disabled(line)
     w.color("background", *w.of(settings, "background"))
     w.checkbox("checkerboard", *w.of(settings, "checkerboard"))
-    w.beside(actions.title("toggle_ground"), imgui.get_frame_height())
+    w.beside(actions.title("toggle_ground"), True)
     w.buttons(actions, "toggle_ground")
     w.buttons(actions, "toggle_handles", "toggle_wireframe", "toggle_bones")
     lines = (actions.told(action, text) for action, text in SHOWN_ON_MESH.items())

@@ -15,6 +15,7 @@ LOGARITHMIC = imgui.SliderFlags_.logarithmic.value
 LABEL_SHARE = 0.38  # of the width, for the name before a slider or a list
 MOST_LABEL_SHARE = 0.6  # for a longer name
 DOTS = "..."
+APART = 16.0  # points before a box, which else seems to belong to the word at its left
 
 
 def icon(name: str) -> str:
@@ -34,7 +35,7 @@ def buttons(actions, *names) -> None:
     for number, name in enumerate(names):
         is_checked = actions.input(name).is_checked
         if number:
-            beside(actions.title(name), imgui.get_frame_height() * is_checked)
+            beside(actions.title(name), is_checked)
         (_box if is_checked else button)(actions, name)
 
 
@@ -50,8 +51,9 @@ def answers(*labels, enter="") -> str:
     for number, label in enumerate(labels):
         if number:
             imgui.same_line()
-        if imgui.button(label):
-            chosen = label
+        with highlighted(label == enter):
+            if imgui.button(label):
+                chosen = label
     return chosen
 
 
@@ -189,13 +191,15 @@ def section(title: str, is_open: bool = True) -> bool:
     return imgui.collapsing_header(title, imgui.TreeNodeFlags_.default_open.value * is_open)
 
 
-def beside(label: str, more: float) -> None:
-    """Go on in the same line if a button with that label, and more, fits there; else below."""
+def beside(label: str, is_box: bool) -> None:
+    """Go on in the same line if a button, or box, with that label fits there; else below."""
     style = imgui.get_style()
-    width = imgui.calc_text_size(label).x + 2.0 * style.frame_padding.x + more
-    right = imgui.get_item_rect_max().x + style.item_spacing.x + width
+    width = imgui.calc_text_size(label).x + 2.0 * style.frame_padding.x
+    width += imgui.get_frame_height() * is_box
+    spacing = APART if is_box else style.item_spacing.x
+    right = imgui.get_item_rect_max().x + spacing + width
     if right < imgui.get_cursor_screen_pos().x + imgui.get_content_region_avail().x:
-        imgui.same_line()
+        imgui.same_line(0.0, spacing)
 
 
 def was_entered() -> bool:

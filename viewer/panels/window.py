@@ -121,7 +121,8 @@ class Panels:
         imgui.push_style_var(imgui.StyleVar_.window_min_size.value, (1.0, 1.0))
         imgui.set_next_window_pos(place[:2])
         imgui.set_next_window_size((max(place[2], 1.0), max(place[3], 1.0)))
-        imgui.begin(name, flags=FIXED)
+        # A click must not bring it over the help or a film's progress.
+        imgui.begin(name, flags=FIXED | FLAGS.no_bring_to_front_on_focus.value)
         imgui.pop_style_var(3)
         self.show(panel)
         self._gui.claim()

@@ -31,10 +31,10 @@ KINDS_OF_TOOL = (
     (Paint, "soften", "Soften", "Soften", "feather"),
     (DeleteBrush, BRUSH, "Delete with a brush", "Erase", "eraser"),
     (DeleteRegion, "delete box", "Delete in a box", "Cut box", "crop_simple"),
-    (DeleteRegion, "delete lasso", "Delete in a lasso", "Cut out", "scissors"),
+    (DeleteRegion, "delete lasso", "Delete in a lasso", "Cut lasso", "scissors"),
     (Isolate, "isolate", "Isolate one thing", "Isolate", "object_ungroup"),
-    (JointTool, "joints", "Place joints", "Joints", "bone"),
-    (BoneTool, "bones", "Pose bones", "Bones", "person_running"),
+    (JointTool, "joints", "Place joints", "Joints", "circle_nodes"),
+    (BoneTool, "bones", "Pose bones", "Bones", "bone"),
 )
 PICK_SLACK = 5.0  # points around a sphere that still count as on it
 ZOOM_PER_NOTCH = 0.88

@@ -196,7 +196,9 @@ def test_what_is_held_is_named_with_how_many_more():
     from deformrf.viewer.panels.bend import vertex_line
 
     handles = SimpleNamespace(grabbed=None, hover=9, selected=[], title="point {}".format)
-    assert vertex_line(handles) == "point 9"
+    assert vertex_line(handles) == "nothing selected; mouse on point 9"
+    handles.selected = [4, 7]
+    assert vertex_line(handles) == "2 points selected; mouse on point 9"
     handles.grabbed = SimpleNamespace(handles=[9])
     assert vertex_line(handles) == "holding point 9"
     handles.grabbed.handles.append(3)
