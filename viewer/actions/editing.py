@@ -50,7 +50,7 @@ def rest_here(body, say):
 
 _help = "it returns to the shape that it had before"
 method("body.undo_rest_here", _help, "CTRL+T", "Edit/Shape before")
-_help = "back to how it was at rest, with its pins"
+_help = "back to its shape at rest, with its pins"
 method("controls.reset", _help, "R", "Edit/Original shape", "ALT+G")
 
 
@@ -66,8 +66,14 @@ def _turn_into(kind, controls, fly, gui):
 
 for _kind, _help, _key, _menu, _blender in (
     (MOVE, "move what is selected; a click or Enter ends it", "", "-Drag/Move", "G"),
-    (TURN, "turn it; while dragging: instead, or move again", "E", "Drag/Turn", "R"),
-    (SCALE, "scale, likewise", "S", "Drag/Scale", None),
+    (TURN, "turn what is selected; while dragging: instead, or move again", "E", "Drag/Turn", "R"),
+    (
+        SCALE,
+        "scale what is selected; while dragging: instead, or move again",
+        "S",
+        "Drag/Scale",
+        None,
+    ),
 ):
     action(_help, _key, f"Edit/{_menu}", _blender, _kind)(partial(_turn_into, _kind))
 

@@ -74,7 +74,7 @@ def _kinds(takes):
     for kind, title in KINDS.items():
         why_not = takes.why_not(kind)
         imgui.begin_disabled(bool(why_not))
-        if imgui.radio_button(f"{title}: {why_not}" if why_not else title, choices.what == kind):
+        if w.radio(f"{title}: {why_not}" if why_not else title, choices.what == kind):
             choices.what = kind
         imgui.end_disabled()
     if choices.what == "turntable":

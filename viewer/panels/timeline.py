@@ -22,8 +22,9 @@ RULER, LANE = 20.0, 22.0  # heights
 NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
+CLOSE_WIDTH = 34.0  # from the right edge to the button that closes it
 WIDE = 780.0  # of a strip with space for whole words
-STEPS = """1  Bend or pose it, and hold it or let it stay. Key both ({key}) keeps it and the view.
+STEPS = """1  Bend it so that it stays ({stays}), or pose bones. Key both ({key}): camera and pose.
 2  Move the red line, and make the next key.
 3  Play timeline: {play}. Turntable ({turn}): the camera goes around the object."""
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
@@ -46,6 +47,8 @@ def timeline_strip(timeline, strip, settings, actions, say):
     _buttons(timeline, strip, actions)
     _tracks(timeline, strip, settings.theme, say)
     _chosen_key(timeline, strip, actions)
+    imgui.same_line(imgui.get_window_width() - CLOSE_WIDTH)
+    w.button(actions, "toggle_timeline", "x")
 
 
 def _buttons(timeline, strip, actions):
@@ -59,9 +62,9 @@ def _buttons(timeline, strip, actions):
         imgui.same_line(0.0, gap)
         w.button(actions, name)
     imgui.same_line()
-    imgui.set_next_item_width(84.0)
-    turn = w.of(strip, "turn_seconds")
-    w.slider("##turn", *turn, (1.0, 60.0), "%.0f s a turn", tooltip="how long a turn takes")
+    imgui.set_next_item_width(84.0 if is_wide else 58.0)
+    turn, text = w.of(strip, "turn_seconds"), "%.0f s" + " a turn" * is_wide
+    w.slider("##turn", *turn, (1.0, 60.0), text, tooltip="how long a turn takes")
     imgui.same_line(0.0, GAP)
     imgui.set_next_item_width(110.0)
     w.combo("##motion", timeline.motion, timeline.set_motion, MOTIONS, MOTION)
@@ -94,7 +97,7 @@ def _tracks(timeline, strip, theme, say):
 def _colors(theme):
     names = "ruler", "lane", "line", "text", "edge", "chosen", "beyond"
     grays = {n: (g, g, g, 1.0) for n, g in zip(names, GRAYS[theme], strict=True)}
-    grays["beyond"] = (*grays["beyond"][:3], 0.75)
+    grays["beyond"] = (*grays["beyond"][:3], 0.5)
     return {name: imgui.get_color_u32(c) for name, c in (grays | COLORS).items()}
 
 
@@ -167,8 +170,9 @@ def _chosen_key(timeline, strip, actions):
 
 def animate_panel(timeline, strip, rigging, posing, actions):
     """Keys in a few words, clips, and saved poses."""
-    key, play, turn = (actions.label(name) for name in ("key", "play", "turntable"))
-    imgui.text_wrapped(STEPS.format(key=key, play=play, turn=turn))
+    names = {"key": "key", "play": "play", "turn": "turntable", "stays": "pose"}
+    labels = {word: actions.label(name) for word, name in names.items()}
+    imgui.text_wrapped(STEPS.format(**labels))
     w.buttons(actions, "toggle_timeline")
     if w.section("Clips of bones", bool(rigging.clips)):
         clips_panel(rigging, posing, strip, actions)

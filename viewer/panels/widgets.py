@@ -164,6 +164,12 @@ def checkbox(label, value, change, tooltip="") -> None:
         change(value)
 
 
+def radio(label, is_chosen) -> bool:
+    """A round box, one of which is chosen; whether it is clicked."""
+    with imgui_ctx.push_style_var(imgui.StyleVar_.frame_border_size.value, 1.0):
+        return imgui.radio_button(label, is_chosen)
+
+
 def segments(values, chosen, choose, tooltip=lambda value: "") -> None:
     """Buttons side by side, one of which is chosen; `values` are words by value."""
     for number, (value, word) in enumerate(values.items()):

@@ -20,7 +20,7 @@ from .viewport import CLICK_SLACK
 ORBITS = {"alt": ALT, "ctrl": CTRL, "shift": SHIFT}  # of Settings.orbit_key
 HINT = "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"
 HINT_SELECTED = (
-    "Drag a selected point or an arrow: all of them go along.  Click beside it: select none"
+    "Drag a selected point or an arrow: all go along.  Beside: orbit.  Click there: none"
 )
 PAUSED = "paused: it follows when time goes on (Space), by a step (.), or if it stays (N)"
 STAYS = "it stays there; a click on the violet point lets it go"

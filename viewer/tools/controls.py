@@ -30,7 +30,7 @@ KINDS_OF_TOOL = (
     (Paint, "stiffen", "Stiffen", "Stiffen", "gem"),
     (Paint, "soften", "Soften", "Soften", "feather"),
     (DeleteBrush, BRUSH, "Delete with a brush", "Erase", "eraser"),
-    (DeleteRegion, "delete box", "Delete in a box", "Cut box", "crop_simple"),
+    (DeleteRegion, "delete box", "Delete in a box", "Cut box", "square_xmark"),
     (DeleteRegion, "delete lasso", "Delete in a lasso", "Cut lasso", "scissors"),
     (Isolate, "isolate", "Isolate one thing", "Isolate", "object_ungroup"),
     (JointTool, "joints", "Place joints", "Joints", "circle_nodes"),
