@@ -315,7 +315,7 @@ class App:
         if keep and not settings.handles_in_clips:
             self._record_view()
         self._draw_marks(camera, clips)
-        if settings.tool not in (*OF_BONES, "isolate"):  # whose marks they would hide
+        if settings.tool != "isolate":  # whose marks they would hide
             self.handle_layer.draw(camera, clips)
         if self.gui is None or settings.task != "bend" or settings.tool in OF_BONES:
             self.bone_layer.draw(camera, clips, self.controls.bones.place)

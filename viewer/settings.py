@@ -96,3 +96,8 @@ def kept_in(file: str) -> dict[str, Check]:
 
 
 SHOWN = tuple(kept_in("session"))
+
+
+def shows_points(settings: Settings) -> bool:
+    """Whether red points and pins show: not over the bones while a tool of bones is in the hand."""
+    return settings.show_handles and settings.tool not in OF_BONES

@@ -508,3 +508,24 @@ def test_a_tool_that_works_something_out_says_so_and_keeps_the_window_awake(bare
     while tool.busy:
         frames(bare, 1)
     assert tool.told == "Click the object"
+
+
+def test_the_status_line_says_which_keys_change_a_drag(bare):
+    from pyglet.window import key, mouse
+
+    from deformrf.viewer.panels.status import hint_of
+
+    def hint():
+        return hint_of(bare.controls, bare.fly, bare.actions)
+
+    vertex = free_vertex(bare)
+    x, y = view_point(bare, vertex)
+    assert hint().startswith("Bend: Drag the object or a red point")
+    bare.scene.handles.select([vertex])
+    assert hint().startswith("Bend: Drag a selected point")
+    send(bare, "on_mouse_press", x, y, mouse.LEFT, 0)
+    send(bare, "on_mouse_drag", x + 9, y, 9, 0, mouse.LEFT, 0)
+    assert hint().endswith("   E: turn   S: scale   P: pin it there")
+    send(bare, "on_key_press", key.E, 0)
+    assert hint().endswith("   E: move again   S: scale   P: pin it there")
+    send(bare, "on_mouse_release", x + 9, y, mouse.LEFT, 0)

@@ -9,6 +9,7 @@ import moderngl
 import numpy as np
 
 from ..document import MOST_ADDED, MOST_POINTS
+from ..settings import shows_points
 from . import gl
 from .drawn import DrawnObject
 
@@ -89,13 +90,13 @@ class HandleLayer:
     def draw(self, camera, clip_range) -> None:
         """Draw into the framebuffer in use what the settings ask for."""
         drawn, spheres = self._drawn, self._spheres
-        if not drawn.settings.show_handles and drawn.ball is None:
+        if not shows_points(drawn.settings) and drawn.ball is None:
             return
         gl.blend_over(self._ctx, moderngl.DEPTH_TEST)
         spheres.write(sphere_instances(drawn, camera.position))
         spheres.draw(camera, clip_range, drawn.handle_bias)
         grabbed = drawn.handles.grabbed
-        if grabbed is not None and drawn.settings.show_handles:
+        if grabbed is not None and shows_points(drawn.settings):
             held = drawn.handles.at(grabbed.handles)
             spheres.write(sphere_rows(held, drawn.handle_radius, YELLOW))
             self._ctx.depth_func = ">"  # what of it is inside the object, faintly
@@ -112,7 +113,7 @@ def sphere_instances(drawn: DrawnObject, eye):
     The soft edge of a sphere blends with what was drawn before it.
     """
     handles, pin_ids, control_ids = drawn.handles, np.empty(0, int), np.empty(0, int)
-    if drawn.settings.show_handles:
+    if shows_points(drawn.settings):
         pin_ids, control_ids = handles.pin_ids, handles.control_ids
     ids = np.concatenate([pin_ids, control_ids])
     instances = sphere_rows(handles.at(ids), drawn.handle_radius, RED)

@@ -72,7 +72,8 @@ def _choice(dialog, width):
             imgui.text_disabled(f"no {' or '.join(dialog.endings)} here")
     if dialog.problem:
         imgui.text_wrapped(readable(dialog.problem))
-    answer = answers("Save" if dialog.name else "Open", "Cancel")
+    takes = "Save" if dialog.name else "Open"
+    answer = answers(takes, "Cancel", marked=takes)
     return answer == "Cancel" or (bool(answer) and dialog.choose(dialog.typed())) or done
 
 
@@ -92,18 +93,19 @@ def _search(search, keys, width):
     found = search.found(keys)
     if changed:
         search.number = 0
-    for key, by in WAYS.items():
+    chooses = bool(search.text.strip())  # so far, Enter would call what comes first of all
+    for key, by in WAYS.items() if chooses else ():
         if imgui.is_key_pressed(key):
             search.move(by, len(found))
-    entered = was_entered() and search.text.strip() and search.number < len(found)
+    entered = was_entered() and chooses and search.number < len(found)
     chosen = found[search.number].action if entered else ""
     with imgui_ctx.begin_child("found", _list_size(width)):
         for number, entry in enumerate(found):
-            if _row(entry, bool(search.text.strip()) and number == search.number, width):
+            if _row(entry, chooses and number == search.number, width):
                 chosen = entry.action
         if not found:
             imgui.text_disabled("nothing is called so")
-    imgui.text_disabled("Up, Down: choose; Enter: do it; Esc: back")
+    imgui.text_disabled("Up, Down: choose; Enter: do it; Esc: back" if chooses else "Esc: back")
     return chosen
 
 

@@ -52,17 +52,17 @@ def film_window(takes) -> None:
         imgui.separator()
         _picture(choices, takes.size)
         _file(choices, takes.problem)
-    is_good = choices.name and not takes.why_not(choices.what)
+    why_not = takes.why_not(choices.what) if choices.name else "a film needs a name"
     seconds = takes.film_seconds(choices.what)
     known = f"{choices.path}\n{seconds:.1f} s long; rendering: {takes.estimator.line}"
-    known = known if is_good else "" if choices.name else "a film needs a name"
     with imgui_ctx.push_text_wrap_pos(FILM_WIDTH):
-        imgui.text_wrapped(readable(takes.problem or known))
-    imgui.begin_disabled(not is_good)
+        for line in filter(None, (takes.problem, why_not or known)):
+            imgui.text_wrapped(readable(line))
+    imgui.begin_disabled(bool(why_not))
     answer = w.answers("Render", enter="Render")
     imgui.end_disabled()
     imgui.same_line()
-    if answer and is_good:
+    if answer and not why_not:
         takes.start_film()
     elif imgui.button("Cancel"):
         takes.asking = False

@@ -6,7 +6,10 @@ from ..style import accent
 from .film import RECORDING_RED, recording_line
 
 BETWEEN = 18.0  # points
-IN_A_DRAG = {"turn": "turn", "scale": "scale", "along_x": "along x", "pin": "pin it there"}
+SELECTED = (
+    "Drag a selected point or the gizmo: all go along.  Click beside: select none.  Wheel: zoom"
+)
+IN_A_DRAG = {"turn": "turn", "scale": "scale", "pin": "pin it there"}  # keys' actions
 HELD_BY = {"pins": "its pins", "weight": "its weight", "wind": "the wind", "colliders": "contact"}
 
 
@@ -47,14 +50,16 @@ def status_line(scene, controls, times, radiance, fly, takes, recorder, actions)
 
 
 def hint_of(controls, fly, actions) -> str:
-    """What the mouse does now, and while it drags a point what keys do."""
+    """What the mouse does now, and while it drags points what keys do."""
     if fly.on:
         return fly.line
-    if controls.held_drag is not None:
-        keys = [f"{actions.label(name)}: {told}" for name, told in IN_A_DRAG.items()]
-        shown = keys if controls.holder is controls.tools["grab"] else []
-        return "   ".join([controls.held_drag.line, *shown])
-    return f"{controls.tool.word}: {controls.tool.hint}"
+    drag, points = controls.held_drag, controls.tool is controls.tools["grab"]
+    if drag is not None:
+        told = IN_A_DRAG | {drag.kind: "move again"} if points else {}
+        keys = [f"{actions.label(name)}: {told[name]}" for name in IN_A_DRAG if name in told]
+        return "   ".join([drag.line, *keys])
+    hint = SELECTED if points and controls.scene.handles.selected else controls.tool.hint
+    return f"{controls.tool.word}: {hint}"
 
 
 def state_line(scene) -> str:

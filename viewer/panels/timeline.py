@@ -22,9 +22,9 @@ RULER, LANE = 20.0, 22.0  # heights
 NAMES = 70.0  # the width of the tracks' names
 KEY = 7.0  # from a key's middle to its corners
 GAP = 13.0  # between groups of buttons
-CLOSE_WIDTH = 34.0  # from the right edge to the button that closes it
-WIDE = 780.0  # of a strip with space for whole words
-STEPS = """1  Bend it so that it stays ({stays}), or pose bones. Key both ({key}): camera and pose.
+CLOSE_WIDTH = 62.0  # from the right edge to the button that closes it
+WIDE = 800.0  # of a strip with space for whole words
+STEPS = """1  Let what you bend stay (top right), or pose bones; turn the view. Key both: {key}.
 2  Move the red line, and make the next key.
 3  Play timeline: {play}. Turntable ({turn}): the camera goes around the object."""
 MOTION = """between pose keys: interpolation moves all vertices straight from one to the next;
@@ -47,8 +47,9 @@ def timeline_strip(timeline, strip, settings, actions, say):
     _buttons(timeline, strip, actions)
     _tracks(timeline, strip, settings.theme, say)
     _chosen_key(timeline, strip, actions)
-    imgui.same_line(imgui.get_window_width() - CLOSE_WIDTH)
-    w.button(actions, "toggle_timeline", "x")
+    imgui.same_line()
+    imgui.set_cursor_pos_x(max(imgui.get_cursor_pos_x(), imgui.get_window_width() - CLOSE_WIDTH))
+    w.button(actions, "toggle_timeline", "Close")
 
 
 def _buttons(timeline, strip, actions):
@@ -170,9 +171,8 @@ def _chosen_key(timeline, strip, actions):
 
 def animate_panel(timeline, strip, rigging, posing, actions):
     """Keys in a few words, clips, and saved poses."""
-    names = {"key": "key", "play": "play", "turn": "turntable", "stays": "pose"}
-    labels = {word: actions.label(name) for word, name in names.items()}
-    imgui.text_wrapped(STEPS.format(**labels))
+    key, play, turn = (actions.label(name) for name in ("key", "play", "turntable"))
+    imgui.text_wrapped(STEPS.format(key=key, play=play, turn=turn))
     w.buttons(actions, "toggle_timeline")
     if w.section("Clips of bones", bool(rigging.clips)):
         clips_panel(rigging, posing, strip, actions)

@@ -45,13 +45,16 @@ def _box(actions, action):
     checkbox(label, is_on, lambda on: actions.call(action), actions.told(action))
 
 
-def answers(*labels, enter="") -> str:
-    """Buttons side by side; the one that is clicked, or `enter` if Enter is pressed, or empty."""
+def answers(*labels, enter="", marked="") -> str:
+    """Buttons side by side; the one that is clicked, or `enter` if Enter is pressed, or empty.
+
+    `marked` looks as `enter` does: Enter in a field has been seen already.
+    """
     chosen = enter if enter and was_entered() else ""
     for number, label in enumerate(labels):
         if number:
             imgui.same_line()
-        with highlighted(label == enter):
+        with highlighted(label in (enter, marked)):
             if imgui.button(label):
                 chosen = label
     return chosen

@@ -18,10 +18,6 @@ from .tool import DragTool
 from .viewport import CLICK_SLACK
 
 ORBITS = {"alt": ALT, "ctrl": CTRL, "shift": SHIFT}  # of Settings.orbit_key
-HINT = "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"
-HINT_SELECTED = (
-    "Drag a selected point or an arrow: all go along.  Beside: orbit.  Click there: none"
-)
 PAUSED = "paused: it follows when time goes on (Space), by a step (.), or if it stays (N)"
 STAYS = "it stays there; a click on the violet point lets it go"
 DOUBLE_CLICK = 0.4  # s between two presses at one place
@@ -36,13 +32,12 @@ class Bend(DragTool):
     """
 
     cross = False
+    hint = (
+        "Drag the object or a red point to bend it.  Beside it: orbit.  Click: select.  Wheel: zoom"
+    )
     spot = None
     _picked = _pin = None  # a handle that a drag would grab, a pin that a click frees
     _before = -np.inf, np.zeros(2)  # when and where a button went down before
-
-    @property
-    def hint(self):
-        return HINT_SELECTED if self.handles.selected else HINT
 
     def hover(self, pixel) -> None:
         control = self.view.pick(pixel)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..camera import pick_sphere, visible, zoomed
+from ..settings import shows_points
 from .bend import ORBITS, Bend
 from .bone_tool import BoneTool, JointTool
 from .brushes import BRUSH, DeleteBrush, DeleteRegion, Paint, Push, SelectRegion
@@ -30,7 +31,7 @@ KINDS_OF_TOOL = (
     (Paint, "stiffen", "Stiffen", "Stiffen", "gem"),
     (Paint, "soften", "Soften", "Soften", "feather"),
     (DeleteBrush, BRUSH, "Delete with a brush", "Erase", "eraser"),
-    (DeleteRegion, "delete box", "Delete in a box", "Cut box", "square_xmark"),
+    (DeleteRegion, "delete box", "Delete in a box", "Cut box", "square_minus"),
     (DeleteRegion, "delete lasso", "Delete in a lasso", "Cut lasso", "scissors"),
     (Isolate, "isolate", "Isolate one thing", "Isolate", "object_ungroup"),
     (JointTool, "joints", "Place joints", "Joints", "circle_nodes"),
@@ -104,14 +105,14 @@ class Controls(Viewport):
     def shown(self, ids):
         """Whether each of these handles has a sphere in sight.  [len(ids)] bool"""
         scene = self.scene
-        if not scene.settings.show_handles:
+        if not shows_points(scene.settings):
             return np.zeros(len(ids), bool)
         return visible(self.camera, scene.handles.at(ids), self.depth_image(), scene.handle_bias)
 
     def pick(self, pixel, ids=None) -> int | None:
         """The handle whose sphere shows there, of these (default: those that can be dragged)."""
         scene = self.scene
-        if not scene.settings.show_handles:
+        if not shows_points(scene.settings):
             return None
         ids = scene.handles.control_ids if ids is None else ids
         surface, slack = (self.depth_image(), scene.handle_bias), PICK_SLACK * self.ratio

@@ -24,17 +24,21 @@ def places(monkeypatch):
     return places_of_buttons(monkeypatch)
 
 
-def test_a_message_is_in_front_of_the_panel(app, places):
-    """They overlap in a small window; a click brings a panel to the front."""
+def test_a_message_and_the_help_stay_in_front_of_the_panels(app):
+    """They overlap in a small window, and a click gives a panel the keys."""
     from imgui_bundle import imgui
 
+    settings = app.scene.settings
+    settings.show_help = settings.show_timeline = True
     app.recorder.say("here it is")
+    frames(app, 3)
+    timeline = imgui.internal.find_window_by_name("timeline")
+    click(app, (round(timeline.pos.x + 8.0), round(timeline.pos.y + timeline.size.y - 4.0)))
     frames(app)
-    click(app, places["Pause"])
-    frames(app)
-    message, panel = map(imgui.internal.find_window_by_name, ("message", "task"))
-    front = imgui.internal.find_window_display_index
-    assert front(message) > front(panel)
+    assert imgui.get_current_context().nav_window.name == "timeline"
+    found = map(imgui.internal.find_window_by_name, ("message", "help", "task", "timeline"))
+    message, help_, *panels = map(imgui.internal.find_window_display_index, found)
+    assert min(message, help_) > max(panels)
 
 
 def ask(app, what, tmp_path):
@@ -272,3 +276,19 @@ def test_a_film_whose_name_is_taken_says_so_in_its_dialog(app, tmp_path):
     assert app.takes.asking and "is there already" in app.takes.problem
     frames(app)
     assert app.gui._io.want_text_input  # another name
+
+
+def test_a_film_without_a_name_says_so_beside_what_was_wrong_before(app, monkeypatch):
+    from imgui_bundle import imgui
+    from pyglet.window import key
+
+    told, write = [], imgui.text_wrapped
+    monkeypatch.setattr(imgui, "text_wrapped", lambda line: (told.append(line), write(line)))
+    app.takes.ask()
+    app.takes.problem = "the disk is full"
+    frames(app, 3)
+    assert "the disk is full" in told and any(".mp4" in line for line in told)
+    press(app, key.BACKSPACE)  # the name is selected
+    assert told[-2:] == ["the disk is full", "a film needs a name"]
+    press(app, key.RETURN)
+    assert app.takes.asking and app.takes.job is None

@@ -223,6 +223,21 @@ def test_a_vertex_hidden_behind_the_object_is_not_picked(controls, scene):
     assert scene.handles.hover is None
 
 
+@pytest.mark.parametrize("tool", ["bones", "joints"])
+def test_over_bones_no_point_shows_is_picked_or_drawn(controls, scene, tool):
+    from deformrf.viewer.layers.handle_layer import sphere_instances
+
+    vertex = front_vertex(controls)
+    at = pixel_of(controls, vertex)
+    ids, eye = scene.handles.control_ids, controls.camera.position
+    assert controls.shown(ids).any() and len(sphere_instances(scene, eye))
+    controls.take_tool(tool)
+    assert controls.pick(at) is None and not controls.shown(ids).any()
+    assert not len(sphere_instances(scene, eye))
+    controls.escape()
+    assert controls.pick(at) == vertex
+
+
 def test_hidden_handles_cannot_be_grabbed(controls, scene):
     scene.settings.show_handles = False
     controls.press(pixel_of(controls, front_vertex(controls)), "left")
