@@ -76,6 +76,7 @@ class Panels:
     def draw(self) -> None:
         gui, settings = self._gui, self._app.scene.settings
         covered, size = self.covered(), imgui.get_io().display_size
+        has_timeline = settings.show_timeline  # a menu or button may change it in this frame
         for overlay in OVERLAYS:
             self.show(overlay)
         takes = self._app.takes
@@ -83,10 +84,9 @@ class Panels:
             frame_overlay(film_frame((size.x, size.y), covered, takes.aspect))
         gui.guarded(self.menus)
         is_low = size.y - covered.top - covered.bottom < LEAST_PANEL
-        strip = STRIP_HEIGHT * settings.show_timeline
         if settings.show_panel:
-            self._frame(covered, covered.bottom - strip * is_low)
-        if settings.show_timeline:
+            self._frame(covered, covered.bottom - STRIP_HEIGHT * (has_timeline and is_low))
+        if has_timeline:
             left, right = strip_width() * settings.show_panel, 0.0
             if is_low:
                 left, right = covered.left, covered.right

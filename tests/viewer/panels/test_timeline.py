@@ -144,6 +144,27 @@ def test_the_chosen_keys_easing_is_one_of_the_list(app, monkeypatch):
     assert camera.easing == [*EASINGS][-1] != "smooth"
 
 
+def test_the_timeline_lies_in_the_window_from_its_first_frame_on(app, monkeypatch):
+    """A button opens it while the panels are drawn: those before it know nothing of it."""
+    from imgui_bundle import imgui
+
+    settings, button = app.scene.settings, imgui.button
+    settings.show_panel = True
+    settings.show_timeline, settings.task = False, "animate"
+    frames(app, 2)
+
+    def opening(label, *arguments):
+        settings.show_timeline = True
+        return button(label, *arguments)
+
+    monkeypatch.setattr(imgui, "button", opening)
+    for _ in range(3):
+        frames(app, 1)
+        strip = imgui.internal.find_window_by_name("timeline")
+        assert strip.pos.y + strip.size.y <= imgui.get_io().display_size.y
+    assert strip.was_active
+
+
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_in_a_low_window_the_timeline_lies_beside_the_tasks_panel(app, side):
     """It would leave the panel no height; letters of twice the size make a window as low."""
