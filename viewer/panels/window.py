@@ -34,6 +34,9 @@ FLOATING = (
     | FLAGS.no_nav.value
 )
 FIXED = FLOATING & ~FLAGS.always_auto_resize.value | FLAGS.no_move.value
+PANEL = (  # a click must not bring it over the help; where it appears, a click elsewhere goes on
+    FIXED | FLAGS.no_bring_to_front_on_focus.value | FLAGS.no_focus_on_appearing.value
+)
 OVERLAYS = box_overlay, gizmo_overlay, gesture_overlay, brush_overlay
 QUESTIONS = {
     "leaving": leaving_window,
@@ -121,8 +124,7 @@ class Panels:
         imgui.push_style_var(imgui.StyleVar_.window_min_size.value, (1.0, 1.0))
         imgui.set_next_window_pos(place[:2])
         imgui.set_next_window_size((max(place[2], 1.0), max(place[3], 1.0)))
-        # A click must not bring it over the help or a film's progress.
-        imgui.begin(name, flags=FIXED | FLAGS.no_bring_to_front_on_focus.value)
+        imgui.begin(name, flags=PANEL)
         imgui.pop_style_var(3)
         self.show(panel)
         self._gui.claim()
