@@ -48,6 +48,7 @@ def strain(studio):
 
 def bones(studio):
     look(studio, distance=0.68)
+    studio.app.scene.settings.tool = "bones"  # with which they show
     studio.app.scene.posing.scrub_clip("Run", 0.35)
 
 
