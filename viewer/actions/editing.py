@@ -66,14 +66,8 @@ def _turn_into(kind, controls, fly, gui):
 
 for _kind, _help, _key, _menu, _blender in (
     (MOVE, "move what is selected; a click or Enter ends it", "", "-Drag/Move", "G"),
-    (TURN, "turn what is selected; while dragging: instead, or move again", "E", "Drag/Turn", "R"),
-    (
-        SCALE,
-        "scale what is selected; while dragging: instead, or move again",
-        "S",
-        "Drag/Scale",
-        None,
-    ),
+    (TURN, "turn what is selected; in a drag: instead, or move again", "E", "Drag/Turn", "R"),
+    (SCALE, "scale what is selected; in a drag: instead, or move again", "S", "Drag/Scale", None),
 ):
     action(_help, _key, f"Edit/{_menu}", _blender, _kind)(partial(_turn_into, _kind))
 

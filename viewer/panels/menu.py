@@ -11,7 +11,7 @@ from imgui_bundle import imgui
 from ..actions import inputs_of
 from ..files import readable
 from ..settings import HANDS, KEYS
-from .widgets import button, icon, segments
+from .widgets import button, icon, radio, segments
 
 BETWEEN = 16.0  # points between two groups at the right
 SEARCH_WIDTHS = 150.0, 82.0, 32.0  # of the search with its key, its word, or without
@@ -128,7 +128,7 @@ def keys_offer(settings, actions) -> None:
     imgui.text_disabled(KEYS_TITLE)
     for keys, name in KEYS.items():
         imgui.same_line()
-        if imgui.radio_button(f"{name}'s", settings.keys == keys):
+        if radio(f"{name}'s", settings.keys == keys):
             actions.call(f"keys_{keys}")
         imgui.set_item_tooltip(KEYS_LATER)
     imgui.same_line()
