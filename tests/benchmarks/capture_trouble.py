@@ -12,6 +12,7 @@ printed, and OUT/KIND.png shows photographs above the model from the same camera
     arc        a third of the way around is gone
     blurred    every third is blurred by a moving camera, 3 % of the width
     exposed    each has an exposure of its own, up to half a stop, and a white balance
+    shadow     a soft shadow falls on each, as somebody's who walks by: elsewhere each time
     beside     another object, the bundled model, stands beside it
     twin       a copy of the object does
     two        as many photographs of --others lie in the folder
@@ -72,6 +73,15 @@ def exposed(image, rng):
     """Scaled in linear light: half a stop, and each color by up to 8 %."""
     gains = 2.0 ** rng.uniform(-0.5, 0.5) * rng.uniform(0.92, 1.08, 3)
     return 255.0 * np.clip((image / 255.0) ** 2.2 * gains, 0.0, 1.0) ** (1.0 / 2.2)
+
+
+def shadow(image, rng):
+    """Six tenths of the linear light are gone within an ellipse, whose edge is soft."""
+    height, width = image.shape[:2]
+    radii = width * rng.uniform([0.15, 0.2], [0.2, 0.3])
+    places = np.stack(np.mgrid[:height, :width][::-1], axis=-1) - rng.uniform(0, [width, height])
+    left = 1.0 - 0.6 * np.exp(-(np.square(places / radii).sum(axis=-1) ** 4))
+    return image * left[..., None] ** (1.0 / 2.2)
 
 
 def seen(renderer, camera):
@@ -168,7 +178,7 @@ def make(kind: str, photos, others, folder: Path, whole: Path, every: int):
         keep[: len(keep) // 3] = False
     if kind == "wall":
         images = [wall(image.shape, rng) for image in images]
-    change = {"blurred": blurred, "exposed": exposed}.get(kind)
+    change = {"blurred": blurred, "exposed": exposed, "shadow": shadow}.get(kind)
     if change:
         step = 3 if kind == "blurred" else 1
         images = [change(im, rng) if i % step == 0 else im for i, im in enumerate(images)]
