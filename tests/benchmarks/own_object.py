@@ -89,7 +89,7 @@ class Pictures:
         """A picture of the window with its panels."""
         path = self.folder / f"{name}.png"
         app.scene.settings.panel_in_screenshots = True
-        app.recorder._say = lambda *_: None  # messages name this machine's folders
+        app.recorder.say = lambda *_: None  # messages name this machine's folders
         app.frame(0.0, whole=True)
         app.recorder.screenshot(path)
         app.frame(0.0, whole=True)

@@ -68,7 +68,7 @@ def still(act, model, path, folder):
     studio = screenshots.Studio(fields.load(model), path.stem, WINDOW)
     app = studio.app
     app.scene.settings.show_panel = False
-    app.recorder._say = lambda *_: None  # messages name this machine's folders
+    app.recorder.say = lambda *_: None  # messages name this machine's folders
     act(studio)
     studio.frames(1)
     studio.picture(folder / "picture.png")
