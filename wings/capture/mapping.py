@@ -21,10 +21,12 @@ from .still import scales_of
 from .work import Work, number_of
 
 SMALLEST_GROUP = 4  # photographs of a group that is found at all
-# Of bundle adjustments.  With pycolmap's 1.1, 2 and 5 refinements, and 0 they take 2.5 times as
-# long, and cameras are no nearer to the truth (009-cameras.md).
+# Of bundle adjustments.  With pycolmap's 1.1, 2 and 5 refinements, and 0 they take more than twice
+# the time, and cameras are no nearer to the truth (009-cameras.md).
 GROWN = 1.6  # times as many photographs or points as at the last one of all: then there is another
 GAIN = 1e-5  # of the cost, in a step that ends one
+FEW = 48  # photographs: of fewer, refinements of all cameras take no time, and some are needed
+REFINEMENTS = 5  # of them at most; of more photographs one
 NEAREST = 0.1  # of the points that a photograph shows
 ENOUGH = 0.9  # of the photographs that matches connect: with fewer, there is a second try
 GLOBAL_MAPPING = """
@@ -131,7 +133,7 @@ def incremental(work: Work, begin, distorts=True) -> list:
         ba_global_frames_ratio=GROWN,
         ba_global_points_ratio=GROWN,
         ba_local_max_refinements=1,
-        ba_global_max_refinements=1,
+        ba_global_max_refinements=REFINEMENTS if len(work.photos) < FEW else 1,
         ba_local_function_tolerance=GAIN,
         ba_global_function_tolerance=GAIN,
     )
