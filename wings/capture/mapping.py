@@ -25,8 +25,9 @@ SMALLEST_GROUP = 4  # photographs of a group that is found at all
 # the time, and cameras are no nearer to the truth (009-cameras.md).
 GROWN = 1.6  # times as many photographs or points as at the last one of all: then there is another
 GAIN = 1e-5  # of the cost, in a step that ends one
-FEW = 48  # photographs: of fewer, refinements of all cameras take no time, and some are needed
-REFINEMENTS = 5  # of them at most; of more photographs one
+# All cameras are adjusted, points that err are dropped, and so on: with few photographs up to
+# ROUNDS times, as pycolmap does, because some cameras need it; with others once, to save time.
+FEW, ROUNDS = 48, 5
 NEAREST = 0.1  # of the points that a photograph shows
 ENOUGH = 0.9  # of the photographs that matches connect: with fewer, there is a second try
 GLOBAL_MAPPING = """
@@ -133,7 +134,7 @@ def incremental(work: Work, begin, distorts=True) -> list:
         ba_global_frames_ratio=GROWN,
         ba_global_points_ratio=GROWN,
         ba_local_max_refinements=1,
-        ba_global_max_refinements=REFINEMENTS if len(work.photos) < FEW else 1,
+        ba_global_max_refinements=ROUNDS if len(work.photos) < FEW else 1,
         ba_local_function_tolerance=GAIN,
         ba_global_function_tolerance=GAIN,
     )
