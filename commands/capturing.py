@@ -5,6 +5,7 @@ import time
 from pathlib import Path
 
 from ..core import training
+from ..core.base.device import Choice
 from ..core.base.streams import printable
 from ..wings import capture
 from .running import is_first
@@ -43,6 +44,7 @@ def prepared(
     image_size: int | None,
     masks: Path | None = None,
     mask_with: str | None = None,
+    device: Choice = "auto",
 ) -> tuple[Path, int | None]:
     """Find the cameras of photographs, if no file has them.
 
@@ -63,7 +65,7 @@ def prepared(
     if is_new and is_first():
         photos = capture.frames_of_video(data, side) if is_video else data
         program = capture.program_words(mask_with) if mask_with else ()
-        found_by(photos, work, side, is_video, masks, program)
+        found_by(photos, work, side, is_video, masks, program, device)
     elif is_first():
         if mask_with:
             say_not_masked(capture.frames_folder(data) if is_video else data)
@@ -106,6 +108,7 @@ def found_by(
     is_sequence: bool,
     masks: Path | None = None,
     program: tuple[str, ...] = (),
+    device: Choice = "auto",
 ):
     """Find the cameras, and say what was found; after Ctrl-C, how to go on."""
     place = None
@@ -132,7 +135,9 @@ def found_by(
         )
 
     try:
-        found = capture.find_cameras(data, work, image_size, is_sequence, on_work, masks, program)
+        found = capture.find_cameras(
+            data, work, image_size, is_sequence, on_work, masks, program, device
+        )
     except KeyboardInterrupt:
         if place is not None:
             print(

@@ -264,6 +264,7 @@ def with_cameras(arguments: TrainArguments, output: Path, begun: bool) -> TrainA
         arguments.image_size,
         arguments.masks,
         None if begun else arguments.mask_with,
+        arguments.device,
     )
     return replace(arguments, data=folder, image_size=image_size)
 

@@ -94,6 +94,11 @@ def _start_cuda(driver):
         driver.cuDevicePrimaryCtxRetain(ctypes.byref(context), device)
 
 
+def has_cuda_driver() -> bool:
+    """Whether there may be a GPU for CUDA; asked without starting it."""
+    return _cuda_driver() is not None
+
+
 def _cuda_driver():
     """NVIDIA's driver as a library; None where there is none."""
     try:

@@ -8,12 +8,14 @@ camera is DISTANCE away from it.
 import json
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from ...core.base.device import Choice
 from ...core.base.paths import free_name, whole_file
 from ...core.base.reading import open_file, read_text
 from ...core.training import (
@@ -26,6 +28,7 @@ from ...core.training import (
     upright,
 )
 from .agreement import Agreement, agreement
+from .comparing import begin_comparer
 from .features import find_features
 from .library import load_pycolmap
 from .mapping import ENOUGH, Mapped, connected, map_photos
@@ -92,6 +95,7 @@ def find_cameras(
     on_work: Callable[[Path, bool], None] = lambda folder, again: None,
     masks: str | Path | None = None,
     program: tuple[str, ...] = (),
+    device: Choice = "auto",
 ) -> Capture:
     """Find the cameras of all photographs in a folder, and write what was found beside them.
 
@@ -106,6 +110,7 @@ def find_cameras(
         masks: Folder of the photographs' masks (core/training/data/masks.py): only what they show
             is followed.
         program: Instead, the words of a program that makes them (masking.py).
+        device: Where descriptors are compared; the cameras don't depend on it.
 
     Raises:
         CaptureError: The photographs don't fit together, are too few, or can't be read; or the
@@ -127,12 +132,13 @@ def find_cameras(
     by = digest_of(program) if program else ""
     work, again = open_work(Path(work_folder), photos, image_size, given, by)
     on_work(work.folder, again)
+    comparer = begin_comparer(device)
     with Phases() as phases:
         if program:
             make_mattes(work, program, phases.phase)
         unreadable += find_features(work, phases.phase)
         rings = find_turning(work, phases.phase)
-        work, mapped = mapped_by(work, rings, is_sequence, phases.phase)
+        work, mapped = mapped_by(work, rings, is_sequence, phases.phase, comparer)
         check_mapped(folder, work, mapped, rings)
         mapped = checked(folder, len(photos), mapped)
         check_mapped(folder, work, mapped, rings)  # without cameras that aren't known
@@ -159,7 +165,9 @@ def find_cameras(
     return capture
 
 
-def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped | None]:
+def mapped_by(
+    work: Work, rings, is_sequence: bool, begin, comparer: Future
+) -> tuple[Work, Mapped | None]:
     """The cameras, by features of the object alone where masks or rings tell it.
 
     If few photographs have cameras by the user's masks, all features are tried as well.  Masks by a
@@ -178,7 +186,7 @@ def mapped_by(work: Work, rings, is_sequence: bool, begin) -> tuple[Work, Mapped
     for work in tried:
         if work.is_cut:
             find_features(work, begin)
-        match_photos(work, is_sequence, begin)
+        match_photos(work, is_sequence, begin, comparer.result())
         mapped = map_photos(work, begin, rings, still)
         if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):
             best = work, mapped

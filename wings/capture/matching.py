@@ -1,21 +1,22 @@
 """Which features two photographs share: descriptors that match, in places that fit together.
 
-Descriptors are compared here (nearest.py).  RANSAC is pycolmap's: of a pair's matches it keeps
-those that two cameras can have seen.
+Descriptors are compared by comparing.py, on a GPU if there is one.  RANSAC is pycolmap's: of a
+pair's matches it keeps those that two cameras can have seen.
 """
 
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...core.base.device import thread_count
+from .comparing import HostComparer, TorchComparer
 from .features import LEAST_MATCHES
 from .library import SEED, Threads, load_pycolmap
-from .nearest import matches_of
 from .work import Work, number_of
 
 EXHAUSTIVE = 200  # photographs up to which all pairs are matched
@@ -38,17 +39,17 @@ class Features:
     Attributes:
         camera: pycolmap's.
         places: In the image.  [m, 2] float64
-        descriptors: [m, 128] uint8
-        largest: Descriptors of those that cover most pixels.  [at most LARGEST, 128] uint8
+        descriptors: Where they are compared.  [m, 128] uint8
+        largest: Those of the features that cover most pixels.  [at most LARGEST, 128] uint8
     """
 
     camera: object
     places: np.ndarray
-    descriptors: np.ndarray
-    largest: np.ndarray
+    descriptors: Any
+    largest: Any
 
 
-def match_photos(work: Work, is_sequence: bool, begin):
+def match_photos(work: Work, is_sequence: bool, begin, comparer: HostComparer | TorchComparer):
     """Match the features of pairs of photographs that have not been matched yet.
 
     Args:
@@ -59,10 +60,10 @@ def match_photos(work: Work, is_sequence: bool, begin):
         pairs = pairs_to_match(sorted(images), is_sequence)
         keys = {pair: tuple(images[number].image_id for number in pair) for pair in pairs}
         todo = [pair for pair in pairs if not database.exists_two_view_geometry(*keys[pair])]
-        features = lru_cache(KEPT)(partial(features_of, database, images))
+        features = lru_cache(KEPT)(partial(features_of, database, images, comparer))
         at_once = PAIRS_AT_ONCE * thread_count()
         with threadpool_limits(1, "blas"), Threads(thread_count()) as pool:  # a product in each
-            chosen = pairs_alike(todo, features, begin, pool)
+            chosen = pairs_alike(todo, features, comparer, begin, pool)
             for pair in sorted(set(todo) - chosen):
                 database.write_two_view_geometry(*keys[pair], load_pycolmap().TwoViewGeometry())
             todo = sorted(chosen)
@@ -71,24 +72,28 @@ def match_photos(work: Work, is_sequence: bool, begin):
                 for first in range(0, len(todo), at_once):
                     chunk = todo[first : first + at_once]
                     sides = zip(*[map(features, pair) for pair in chunk], strict=True)
-                    shared = pool.map(geometry_of, *sides)
+                    shared = pool.map(partial(geometry_of, comparer), *sides)
                     for pair, geometry in zip(chunk, shared, strict=True):
                         database.write_two_view_geometry(*keys[pair], geometry)
                     advance(done + first + len(chunk))
 
 
-def features_of(database, images: dict, number: int) -> Features:
+def features_of(database, images: dict, comparer, number: int) -> Features:
     """The features of one of the images in the database, which are by number."""
     image = images[number]
     keypoints = database.read_keypoints(image.image_id)
     descriptors = np.asarray(database.read_descriptors(image.image_id).data).reshape(-1, 128)
     areas = np.abs(np.linalg.det(keypoints[:, 2:6].reshape(len(keypoints), 2, 2)))
     largest = descriptors[np.argsort(-areas, kind="stable")[:LARGEST]]
-    places = keypoints[:, :2].astype(np.float64)
-    return Features(database.read_camera(image.camera_id), places, descriptors, largest)
+    return Features(
+        database.read_camera(image.camera_id),
+        keypoints[:, :2].astype(np.float64),
+        comparer.place(descriptors),
+        comparer.place(largest),
+    )
 
 
-def pairs_alike(pairs, features, begin, pool) -> set[tuple[int, int]]:
+def pairs_alike(pairs, features, comparer, begin, pool) -> set[tuple[int, int]]:
     """Pairs whose largest features say that they may share something.
 
     Their matches are found in a tenth of the time.  Of each photograph the CLOSEST pairs with most
@@ -99,15 +104,14 @@ def pairs_alike(pairs, features, begin, pool) -> set[tuple[int, int]]:
         begin: Phases.phase.
     """
 
-    def count(one, other):
-        return len(matches_between(one.largest, other.largest))
-
     counts, of_each = {}, defaultdict(list)
     with begin("Comparing photographs", len(pairs)) as advance:
         for first in range(0, len(pairs), KEPT):
             chunk = pairs[first : first + KEPT]
-            sides = zip(*[map(features, pair) for pair in chunk], strict=True)
-            counts |= zip(chunk, pool.map(count, *sides), strict=True)
+            sides = zip(
+                *[(features(i).largest, features(j).largest) for i, j in chunk], strict=True
+            )
+            counts |= zip(chunk, comparer.counts(*sides, pool), strict=True)
             advance(first + len(chunk))
     for pair in sorted(pairs, key=counts.get, reverse=True):
         for number in pair:
@@ -127,16 +131,10 @@ def pairs_to_match(numbers, is_sequence: bool) -> list[tuple[int, int]]:
     return [(numbers[i], numbers[j]) for i, j in sorted(near)]
 
 
-def matches_between(one, other) -> np.ndarray:
-    """Matches of descriptors, [m, 128] uint8 of each of two photographs.  [n, 2]"""
-    one, other = one.astype(np.float32), other.astype(np.float32)
-    return np.stack(matches_of(one, other), axis=1)
-
-
-def geometry_of(one: Features, other: Features):
+def geometry_of(comparer, one: Features, other: Features):
     """What two photographs share: pycolmap's TwoViewGeometry."""
     pycolmap = load_pycolmap()
-    matches = matches_between(one.descriptors, other.descriptors)
+    matches = comparer.matches(one.descriptors, other.descriptors)
     if len(matches) < LEAST_MATCHES:
         return pycolmap.TwoViewGeometry()
     options = pycolmap.TwoViewGeometryOptions()

@@ -13,6 +13,7 @@ from deformrf.wings.capture import (
     CaptureError,
     agreement,
     cameras,
+    comparing,
     doubts_about,
     features,
     mapping,
@@ -34,7 +35,7 @@ def found(tmp_path_factory):
     kept, _ = work.open_work(folder / "work", photos.find_photos(folder)[0], 240)
     with Phases() as phases:
         features.find_features(kept, phases.phase)
-        matching.match_photos(kept, False, phases.phase)
+        matching.match_photos(kept, False, phases.phase, comparing.HostComparer())
         return kept, cameras.placed(mapping.map_photos(kept, phases.phase))
 
 

@@ -8,7 +8,7 @@ import pytest
 from captures import circle, write_capture
 from PIL import Image
 
-from deformrf.wings.capture import features, find_photos, library, matching, work
+from deformrf.wings.capture import comparing, features, find_photos, library, matching, work
 
 pytest.importorskip("pycolmap")
 COUNT = 24
@@ -64,7 +64,7 @@ def expected(extracted):
 
 
 def test_pairs_share_what_pycolmap_finds(begun, expected):
-    matching.match_photos(begun, False, quietly)
+    matching.match_photos(begun, False, quietly, comparing.HostComparer())
     found = shared(begun)
     assert {pair for pair, count in expected.items() if count >= SURE} <= set(found)
     more = {pair for pair, count in found.items() if count >= SURE} - set(expected)
@@ -79,7 +79,7 @@ def test_each_photograph_keeps_the_pairs_that_are_most_alike(begun, expected, mo
     """Also where none is alike enough."""
     monkeypatch.setattr(matching, "ALIKE", 10**6)
     monkeypatch.setattr(matching, "CLOSEST", 2)
-    matching.match_photos(begun, False, quietly)
+    matching.match_photos(begun, False, quietly, comparing.HostComparer())
     found = shared(begun)
     assert len(found) <= 2 * COUNT < len(expected)
     assert {(i, i + 1) for i in range(COUNT - 1)} <= set(found)
@@ -89,20 +89,20 @@ def test_what_was_matched_before_an_interrupt_is_not_matched_again(begun, monkey
     """But for the pairs of the portion that it cut."""
     compared, original = [], matching.geometry_of
 
-    def told(one, other):
+    def told(comparer, one, other):
         if len(compared) == 50:
             raise KeyboardInterrupt
         compared.append(one.places.tobytes() + other.places.tobytes())
-        return original(one, other)
+        return original(comparer, one, other)
 
     monkeypatch.setattr(matching, "geometry_of", told)
     monkeypatch.setattr(matching, "PAIRS_AT_ONCE", 2)
     monkeypatch.setattr(matching, "thread_count", lambda: 1)
     with pytest.raises(KeyboardInterrupt):
-        matching.match_photos(begun, False, quietly)
+        matching.match_photos(begun, False, quietly, comparing.HostComparer())
     before, first = shared(begun), set(compared)
     compared.clear()
     with pytest.raises(KeyboardInterrupt):
-        matching.match_photos(begun, False, quietly)
+        matching.match_photos(begun, False, quietly, comparing.HostComparer())
     assert len(first & set(compared)) <= 2
     assert len(before) > 20 and before.items() <= shared(begun).items()

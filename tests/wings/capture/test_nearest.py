@@ -1,8 +1,11 @@
-"""Matches of descriptors are what the definition says, ties included."""
+"""Matches of descriptors are what the definition says, ties included, wherever they are found."""
+
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
-from deformrf.wings.capture import nearest
+from deformrf.wings.capture import comparing, nearest
 
 
 def descriptors(rng, count, like=None):
@@ -60,3 +63,54 @@ def test_products_of_the_longest_descriptors_are_exact():
     for fewer, matches in ((0, set()), (1, {(0, 1)})):
         other[1, :fewer] = 255.0
         assert found(one, other, 99) == matches == reference(one, other)
+
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def test_torch_finds_the_same_in_the_same_order(device, monkeypatch):
+    pytest.importorskip("torch")
+    rng = np.random.default_rng()
+    one = descriptors(rng, 300).astype(np.uint8)
+    others = [descriptors(rng, count, one).astype(np.uint8) for count in (500, 1, 0, 200)]
+    others[0][60:64] = others[0][:4]
+    one[5] = one[0]
+    longest = np.full((3, 128), 255, np.uint8)
+    longest[0, :25] = 254
+    longest[1, :15] = 254
+    host, torch = comparing.HostComparer(), comparing.TorchComparer(device)
+    assert len(host.matches(one, others[0])) > 50
+    pairs = [*((one, other) for other in others), (longest[2:], longest[:2])]
+    pairs += [pair[::-1] for pair in pairs]
+    expected = [host.matches(*pair) for pair in pairs]
+    for pair, matches in zip(pairs, expected, strict=True):
+        np.testing.assert_array_equal(torch.matches(*map(torch.place, pair)), matches)
+    for at_once in (1, 3, 64):
+        monkeypatch.setattr(comparing, "PAIRS_AT_ONCE", at_once)
+        sides = zip(*[map(torch.place, pair) for pair in pairs], strict=True)
+        assert torch.counts(*sides, None) == list(map(len, expected))
+
+
+def test_a_gpu_without_room_leaves_a_pair_to_the_cpu(monkeypatch):
+    torch = pytest.importorskip("torch")
+    rng = np.random.default_rng()
+    one = descriptors(rng, 90).astype(np.uint8)
+    other = descriptors(rng, 120, one).astype(np.uint8)
+    full = comparing.TorchComparer("cpu")
+
+    def fail(*_):
+        raise torch.OutOfMemoryError
+
+    monkeypatch.setattr(full, "_partners", fail)
+    found = full.matches(full.place(one), full.place(other))
+    np.testing.assert_array_equal(found, comparing.HostComparer().matches(one, other))
+    with ThreadPoolExecutor(1) as pool:
+        assert full.counts([full.place(one)], [full.place(other)], pool) == [len(found)]
+    assert len(found) > 15
+
+
+def test_torch_is_asked_only_where_a_driver_for_it_is(monkeypatch):
+    monkeypatch.setattr(comparing, "has_cuda_driver", lambda: False)
+    monkeypatch.setattr(comparing, "loaded", lambda: pytest.fail("torch was loaded"))
+    for choice in ("auto", "cuda", "cpu"):
+        assert isinstance(comparing.begin_comparer(choice).result(), comparing.HostComparer)
+    monkeypatch.setattr(comparing, "has_cuda_driver", lambda: True)
+    assert isinstance(comparing.begin_comparer("cpu").result(), comparing.HostComparer)
