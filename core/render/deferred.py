@@ -109,7 +109,7 @@ def colors_in_place(networks):
         wp.launch(half_rows_kernel, (count, GEOMETRY_FEATURES), [h, basis], [x], device=device)
         fours = wp.array(ptr=x.ptr, dtype=vec4h, shape=8 * count, device=device)
         rgb = wp.empty(count, dtype=wp.vec3, device=device)
-        networks.colors(fours, wp.zeros(count, dtype=float, device=device), count, rgb)
+        networks.colors(fours, wp.full(1, count, dtype=int, device=device), rgb)
         return rgb
 
     return colors

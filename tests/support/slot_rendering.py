@@ -32,11 +32,10 @@ class NumpyNetworks:
             h.numpy().reshape(len(sigma), -1)[: len(x)] = found
             sigma.numpy()[: len(x)] = sigma_from(found)
 
-    def colors(self, x, transmittance, count, rgb):
-        rows = x.numpy().reshape(-1, 32)[:count].astype(float)
-        wanted = transmittance.numpy()[:count] < 1.0
-        if wanted.any():
-            rgb.numpy()[:count][wanted] = sigmoid(mlp(rows[wanted], self._layers[1]))
+    def colors(self, x, count, rgb):
+        rows = _rows(x, len(rgb), count)
+        if len(rows):
+            rgb.numpy()[: len(rows)] = sigmoid(mlp(rows, self._layers[1]))
 
 
 def _rows(array, count, total):

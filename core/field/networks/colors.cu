@@ -3,9 +3,10 @@
 //
 // A block takes 64 rows at a time.  They lie in shared memory, which each layer overwrites with its
 // output: a warp has all rows and a fourth of the columns in its registers, and writes them when
-// all warps have read.  The weights come from global memory, through the caches, a step ahead.
+// all warps have read.  The weights come from global memory, through the caches, AHEAD steps ahead,
+// and the inputs of the next rows a whole network ahead.
 #include "tensor_cores.h"
-enum { ROWS = 64, STRIDE = @MAX_WIDTH + 8 };  // halves; rows begin at different banks
+enum { ROWS = 64, STRIDE = @MAX_WIDTH + 8, AHEAD = @AHEAD };  // halves; rows begin at different banks
 __shared__ __align__(16) uint rows[ROWS * STRIDE / 2];
 
 const uint2* const weights = reinterpret_cast<const uint2*>(fragments.data);
@@ -32,28 +33,32 @@ auto apply_layer = [&](auto tiles_of_warp, const int* layer) {
     const int k_tiles = layer[0], first_n = warp * COUNT;
     const uint2* const tiles = weights + (layer[2] + first_n * k_tiles) * 32 + lane;
     float c[4][COUNT][4];
-    uint2 b[COUNT];
+    uint2 b[AHEAD + 1][COUNT];
+    auto load_weights = [&](uint2 (&to)[COUNT], int k) {
+        k = k < k_tiles ? k : k_tiles - 1;
 #pragma unroll
-    for (int n = 0; n < COUNT; ++n) {
-        b[n] = __ldg(tiles + n * k_tiles * 32);
+        for (int n = 0; n < COUNT; ++n) to[n] = __ldg(tiles + (n * k_tiles + k) * 32);
+    };
+#pragma unroll
+    for (int j = 0; j < AHEAD; ++j) load_weights(b[j], j);
+#pragma unroll
+    for (int n = 0; n < COUNT; ++n)
 #pragma unroll
         for (int m = 0; m < 4; ++m) start(c[m][n], biases.data + layer[3] + 8 * (first_n + n));
-    }
-    for (int k = 0; k < k_tiles; ++k) {
-        uint2 next[COUNT];
-        const int ahead = k + 1 < k_tiles ? k + 1 : k;
+    for (int first_k = 0; first_k < k_tiles; first_k += AHEAD + 1)
 #pragma unroll
-        for (int n = 0; n < COUNT; ++n) next[n] = __ldg(tiles + (n * k_tiles + ahead) * 32);
-        Operand a[4];
+        for (int j = 0; j <= AHEAD; ++j) {
+            const int k = first_k + j;
+            if (k >= k_tiles) break;
+            load_weights(b[(j + AHEAD) % (AHEAD + 1)], k + AHEAD);
+            Operand a[4];
 #pragma unroll
-        for (int m = 0; m < 4; ++m) load_rows(a[m], m, k);
+            for (int m = 0; m < 4; ++m) load_rows(a[m], m, k);
 #pragma unroll
-        for (int n = 0; n < COUNT; ++n)
+            for (int n = 0; n < COUNT; ++n)
 #pragma unroll
-            for (int m = 0; m < 4; ++m) multiply(c[m][n], a[m], b[n]);
-#pragma unroll
-        for (int n = 0; n < COUNT; ++n) b[n] = next[n];
-    }
+                for (int m = 0; m < 4; ++m) multiply(c[m][n], a[m], b[j][n]);
+        }
     __syncthreads();
 #pragma unroll
     for (int n = 0; n < COUNT; ++n)
@@ -67,18 +72,29 @@ auto apply_layer = [&](auto tiles_of_warp, const int* layer) {
     __syncthreads();
 };
 
-for (int first = blockIdx.x * ROWS; first < count; first += gridDim.x * ROWS) {
-    bool wanted = false;
-    const int thread = threadIdx.x;
-    if (thread < ROWS && first + thread < count)
-        wanted = transmittance.data[first + thread] < 1.0f;
-    if (!__syncthreads_or(wanted)) continue;
-    for (int i = threadIdx.x; i < ROWS * 16; i += blockDim.x) {
-        const int row = first + (i >> 4);
-        rows[(i >> 4) * (STRIDE / 2) + (i & 15)] =
-            row < count ? reinterpret_cast<const uint*>(x.data)[size_t(row) * 16 + (i & 15)] : 0u;
+const int row_count = count.data[0];
+
+// A fourth of a row, for each thread twice: h and Y(d) of 64 rows.
+auto load_inputs = [&](uint4 (&to)[2], int first) {
+#pragma unroll
+    for (int j = 0; j < 2; ++j) {
+        const int i = threadIdx.x + j * ROWS * 2, row = first + (i >> 2);
+        to[j] = make_uint4(0u, 0u, 0u, 0u);
+        if (row < row_count)
+            to[j] = __ldg(reinterpret_cast<const uint4*>(x.data) + 4 * size_t(row) + (i & 3));
+    }
+};
+
+uint4 inputs[2];
+load_inputs(inputs, blockIdx.x * ROWS);
+for (int first = blockIdx.x * ROWS; first < row_count; first += gridDim.x * ROWS) {
+#pragma unroll
+    for (int j = 0; j < 2; ++j) {
+        const int i = threadIdx.x + j * ROWS * 2;
+        *reinterpret_cast<uint4*>(rows + (i >> 2) * (STRIDE / 2) + 4 * (i & 3)) = inputs[j];
     }
     __syncthreads();
+    load_inputs(inputs, first + gridDim.x * ROWS);  // of the next rows, meanwhile
     for (int l = 0; l + 1 < layer_count; ++l) {
         const int* const layer = &layers.data[4 * l];
         if (layer[1] == 32) apply_layer(Tiles8(), layer);
@@ -91,6 +107,7 @@ for (int first = blockIdx.x * ROWS; first < count; first += gridDim.x * ROWS) {
     const int* const last = &layers.data[4 * (layer_count - 1)];
     Result o;
     start(o, biases.data + last[3]);
+#pragma unroll 4
     for (int k = 0; k < last[0]; ++k) {
         Operand a;
         load_rows(a, warp, k);
@@ -98,7 +115,7 @@ for (int first = blockIdx.x * ROWS; first < count; first += gridDim.x * ROWS) {
     }
     for (int i = 0; i < 4; ++i) {
         const int row = first + 16 * warp + group + (i >> 1) * 8, channel = pair + (i & 1);
-        if (row < count && channel < 3)
+        if (row < row_count && channel < 3)
             reinterpret_cast<float*>(rgb.data)[3 * row + channel] = 1.0f / (1.0f + expf(-o[i]));
     }
     __syncthreads();

@@ -34,6 +34,7 @@ BLOCK_SIZE = 128
 BLOCKS_PER_PROCESSOR = 3  # more would not fit into the registers
 DENSITY_BLOCKS_PER_PROCESSOR = 5  # for the density network alone
 COLOR_BLOCKS_PER_PROCESSOR = 2  # for the colors of rays
+AHEAD = 2  # steps of a product whose weights are on the way, for the colors of rays
 COLOR_WIDTHS = (32, 64, 128, 192, 256)  # that hidden layers of rays' colors are filled up to
 
 # Warp compiles a module for each block size: loading one ahead has to know it.
@@ -108,12 +109,9 @@ class TensorCoreNetworks:
         inputs.append(_columns(features, sigma))
         self._launch(geometry_kernel, inputs, [sigma, h], DENSITY_BLOCKS_PER_PROCESSOR)
 
-    def colors(self, x, transmittance, count, rgb):
-        """Fill rgb of the first `count` rays by `colors_kernel`.
-
-        64 neighboring rays without any opacity get no values.
-        """
-        inputs = [x, transmittance, *self._color, self._layers, count]
+    def colors(self, x, count, rgb):
+        """Fill rgb of the first rays by `colors_kernel`; `count` [1] is on the device."""
+        inputs = [x, *self._color, self._layers, count]
         self._launch(colors_kernel, inputs, [rgb], COLOR_BLOCKS_PER_PROCESSOR)
 
     def _slots(self, slots):
@@ -233,14 +231,13 @@ def geometry_kernel(
     geometry_native(features, weights, biases, total, counts, stride, columns, sigma, h)
 
 
-@wp.func_native(tensor_core_body("colors.cu", MAX_WIDTH=max(COLOR_WIDTHS)))
+@wp.func_native(tensor_core_body("colors.cu", MAX_WIDTH=max(COLOR_WIDTHS), AHEAD=AHEAD))
 def colors_native(
     x: wp.array(dtype=vec4h),
-    transmittance: wp.array(dtype=float),
     fragments: wp.array(dtype=vec4h),
     biases: wp.array(dtype=float),
     layers: wp.array2d(dtype=int),
-    count: int,
+    count: wp.array(dtype=int),
     rgb: wp.array(dtype=wp.vec3),
 ): ...
 
@@ -248,11 +245,10 @@ def colors_native(
 @wp.kernel
 def colors_kernel(
     x: wp.array(dtype=vec4h),  # [8 R] mean h and Y of the mean direction, ray after ray
-    transmittance: wp.array(dtype=float),  # [R] 1: the ray needs no color
     weights: wp.array(dtype=vec4h),  # `fragments` of the color network
     biases: wp.array(dtype=float),
     layers: wp.array2d(dtype=int),  # `layer_places`
-    count: int,  # rays, at most R
+    count: wp.array(dtype=int),  # [1] rays, at most R
     rgb: wp.array(dtype=wp.vec3),  # [R] out
 ):
-    colors_native(x, transmittance, weights, biases, layers, count, rgb)
+    colors_native(x, weights, biases, layers, count, rgb)

@@ -19,6 +19,7 @@ import warp as wp
 from ...base.wide import store_wide
 from ..rays.pose import Geometry, Pose
 from ..rays.traversal import interval_in_tet
+from ..rounds.atomics import add_up, claim
 from ..rounds.ray_color import Sums, rest_direction, store_sums, with_slot
 from ..rounds.slot_march import march_known
 from ..rounds.slots import (
@@ -33,8 +34,6 @@ from ..rounds.slots import (
     STUCK,
     TAKEN,
     Buffers,
-    add_up,
-    claim,
     composite_slots,
     has_ray_colors,
     keep_or_finish,

@@ -27,7 +27,7 @@ from .traversal import (
 # other side for a walk through the tets: rounding is 4e-8.  The walk would end there, and of a
 # million pixels one would show what is behind the object.
 EDGE_SLACK = wp.constant(1.0e-7)
-MOST_ENTRIES = wp.constant(4)
+MOST_ENTRIES = wp.constant(8)
 UNKNOWN = wp.constant(-1)  # as the count of a ray: it uses enter_mesh
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 2})

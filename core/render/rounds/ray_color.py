@@ -10,6 +10,7 @@ import warp as wp
 
 from ...base.wide import load_wide, load_wide_half, store_wide, store_wide_half, vec4h
 from ...field import CONSTANT_BASIS, basis_of, basis_vector
+from .atomics import claim
 from .compositing import ray_sums, to_bytes
 from .cpu import SMALLEST
 
@@ -85,16 +86,21 @@ def means_kernel(
     transmittance: wp.array(dtype=float),  # [R]
     sums: wp.array(dtype=wp.vec4),  # [5 R]
     constant_direction: int,  # 1: the color does not depend on the direction
-    x: wp.array(dtype=vec4h),  # [8 R] out: mean h, then Y of the mean direction
+    count: wp.array(dtype=int),  # [1] out: rays with any opacity
+    painted: wp.array(dtype=int),  # [R] out: these rays
+    x: wp.array(dtype=vec4h),  # [8 R] out: of each, mean h, then Y of the mean direction
 ):
+    """List the rays that get a color, with what it follows from: the network meets no others."""
     ray = wp.tid()
     opacity = 1.0 - transmittance[ray]
     if opacity <= 0.0:
         return
+    place = claim(count, 0)
+    painted[place] = ray
     scale = 1.0 / wp.max(opacity, wp.static(SMALLEST))
     k = int(0)
     while k < 4:
-        store_wide_half(x, 8 * ray + k, scale * load_wide(sums, FOURS * ray + k))
+        store_wide_half(x, 8 * place + k, scale * load_wide(sums, FOURS * ray + k))
         k += 1
     b = basis_vector()
     b[0] = wp.static(CONSTANT_BASIS[0])
@@ -102,24 +108,27 @@ def means_kernel(
         e = load_wide(sums, FOURS * ray + 4)
         direction = wp.vec3(e[0], e[1], e[2])
         b = basis_of(direction / wp.max(wp.length(direction), wp.static(SMALLEST)))
-    store_wide_half(x, 8 * ray + 4, wp.vec4(b[0], b[1], b[2], b[3]))
-    store_wide_half(x, 8 * ray + 5, wp.vec4(b[4], b[5], b[6], b[7]))
-    store_wide_half(x, 8 * ray + 6, wp.vec4(b[8], b[9], b[10], b[11]))
-    store_wide_half(x, 8 * ray + 7, wp.vec4(b[12], b[13], b[14], b[15]))
+    store_wide_half(x, 8 * place + 4, wp.vec4(b[0], b[1], b[2], b[3]))
+    store_wide_half(x, 8 * place + 5, wp.vec4(b[4], b[5], b[6], b[7]))
+    store_wide_half(x, 8 * place + 6, wp.vec4(b[8], b[9], b[10], b[11]))
+    store_wide_half(x, 8 * place + 7, wp.vec4(b[12], b[13], b[14], b[15]))
 
 
 @wp.kernel
 def paint_kernel(
     transmittance: wp.array(dtype=float),  # [R]
-    rgb: wp.array(dtype=wp.vec3),  # [R]
+    count: wp.array(dtype=int),  # [1] as means_kernel's
+    painted: wp.array(dtype=int),  # [R] likewise
+    rgb: wp.array(dtype=wp.vec3),  # [R] of these
     stop: float,  # a ray with a smaller transmittance is opaque
     background: wp.array(dtype=wp.vec3),  # [1]
     color: wp.array(dtype=wp.vec4ub),  # [R] out, where there is any opacity
 ):
-    ray = wp.tid()
-    opacity = 1.0 - transmittance[ray]
-    if opacity <= 0.0:
+    place = wp.tid()
+    if place >= count[0]:
         return
+    ray = painted[place]
+    opacity = 1.0 - transmittance[ray]
     if transmittance[ray] < stop:
         opacity = 1.0
-    color[ray] = to_bytes(opacity * rgb[ray] + (1.0 - opacity) * background[0], opacity)
+    color[ray] = to_bytes(opacity * rgb[place] + (1.0 - opacity) * background[0], opacity)

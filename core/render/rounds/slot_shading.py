@@ -18,6 +18,7 @@ from ...field import (
     share_density,
     sigma_in_shared,
 )
+from .atomics import add_up
 from .ray_color import Sums, rest_direction, store_sums
 from .slot_densities import put_levels
 from .slots import (
@@ -29,7 +30,6 @@ from .slots import (
     STRIDE,
     TAKEN,
     Buffers,
-    add_up,
     keep_or_finish,
     list_ray,
 )

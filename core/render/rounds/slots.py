@@ -17,6 +17,7 @@ from ..rays.camera import DeviceCamera, camera_ray
 from ..rays.entries import empty_entries, find_entries
 from ..rays.marching import Rays, Samples, empty_rays, empty_samples
 from ..rays.pose import Geometry
+from .atomics import add_up, claim
 from .compositing import Pixels, empty_pixels, to_bytes
 from .ray_color import Sums, fours_of, rest_direction, store_sums, with_slot
 from .tiles import pixel_of
@@ -37,7 +38,8 @@ CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slot
 STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
 FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
 NEXT_TILE = wp.constant(12)  # of 32 listed rays, see slot_shading.py
-STATE_SIZE = 13
+PAINTED = wp.constant(13)  # rays that get colors, see ray_color.py
+STATE_SIZE = 14
 MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -46,35 +48,6 @@ BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest 
 wp.set_module_options(
     {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
 )
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    // One atomic for all active threads of a warp.
-    unsigned mask = __activemask();
-    int lane = threadIdx.x & 31;
-    int leader = __ffs(mask) - 1;
-    int first = 0;
-    if (lane == leader) first = atomicAdd(&wp::index(state, place), __popc(mask));
-    first = __shfl_sync(mask, first, leader);
-    return first + __popc(mask & ((1u << lane) - 1));
-#else
-    return wp::atomic_add(state, place, 1);
-#endif
-""")
-def claim(state: wp.array(dtype=int), place: int) -> int: ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
-    unsigned mask = __activemask();
-    int sum = __reduce_add_sync(mask, value);
-    if ((threadIdx.x & 31) == __ffs(mask) - 1) atomicAdd(&wp::index(state, place), sum);
-#else
-    wp::atomic_add(state, place, value);
-#endif
-""")
-def add_up(state: wp.array(dtype=int), place: int, value: int): ...
 
 
 @wp.struct
@@ -92,12 +65,13 @@ class Buffers:
     sigma: wp.array(dtype=float)  # [S]
     # Where samples have colors:
     basis: wp.array(dtype=vec4h)  # [4 S] spherical harmonics
-    rgb: wp.array(dtype=wp.vec3)  # [S]; with one color a ray [R]
+    rgb: wp.array(dtype=wp.vec3)  # [S]; with one color a ray [R], as means
     # Where rays have colors (ray_color.py):
     h: wp.array(dtype=vec4h)  # [4 S]
     weights: wp.array(dtype=float)  # [S] of tangled rays
     sums: wp.array(dtype=wp.vec4)  # [5 R] those of the pixels
-    means: wp.array(dtype=vec4h)  # [8 R]
+    painted: wp.array(dtype=int)  # [R] those that have any opacity
+    means: wp.array(dtype=vec4h)  # [8 R] theirs, without gaps
     rotations: wp.array(dtype=wp.mat33)  # [T] Q
     # Of the image:
     background: wp.array(dtype=wp.vec3)  # [1]
@@ -129,6 +103,7 @@ def empty_buffers(ray_count: int, slot_count: int, options, shading) -> Buffers:
         buffers.weights = wp.empty(value_count, dtype=float)
         buffers.rotations = shading.rotations
         buffers.sums = fours_of(buffers.pixels.sums)
+        buffers.painted = wp.empty(ray_colors, dtype=int)
         buffers.means = wp.zeros(8 * ray_colors, dtype=vec4h)
         buffers.background = wp.zeros(1, dtype=wp.vec3)
         buffers.color = wp.empty(ray_count, dtype=wp.vec4ub)

@@ -93,6 +93,7 @@ class Wavefront:
         slot_count = min(slot_count, int(MOST_BYTES / slot_bytes))
         self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
         self.buffers = slots.empty_buffers(capacity, slot_count, options, shading)
+        self._painted = self.buffers.state[slots.PAINTED : slots.PAINTED + 1]
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
         self._host_camera = wp.zeros(1, dtype=DeviceCamera, device="cpu", pinned=pinned)
@@ -271,14 +272,17 @@ class Wavefront:
 
     def _launch_colors(self, options, stage):
         """Paint all rays that have any opacity; those that are not done are painted again later."""
-        buffers, count = self.buffers, self._ray_count
+        buffers, count, painted = self.buffers, self._ray_count, self._painted
         transmittance = buffers.pixels.transmittance
         with stage("networks"):
-            inputs = [transmittance, buffers.sums, self._constant_direction, buffers.means]
-            self._launch(ray_color.means_kernel, count, inputs)
-            self._networks.colors(buffers.means, transmittance, count, buffers.rgb)
-            inputs = [transmittance, buffers.rgb, options.termination, buffers.background]
-            self._launch(ray_color.paint_kernel, count, [*inputs, buffers.color])
+            painted.zero_()
+            inputs = [transmittance, buffers.sums, self._constant_direction, painted]
+            self._launch(ray_color.means_kernel, count, [*inputs, buffers.painted, buffers.means])
+            self._networks.colors(buffers.means, painted, buffers.rgb)
+            inputs = [transmittance, painted, buffers.painted, buffers.rgb, options.termination]
+            self._launch(
+                ray_color.paint_kernel, count, [*inputs, buffers.background, buffers.color]
+            )
 
     def _launch(self, kernel, dim, inputs):
         wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, block_dim=slots.BLOCK_SIZE)
