@@ -17,7 +17,7 @@ from ..rays.marching import march_ray
 from ..rays.pose import Geometry
 from .slots import BLOCK_SIZE, PARITY, PER_RAY, STRIDE, TAKEN, Buffers
 
-SEARCHING_THREADS = wp.constant(1 << 20)  # with many rays each looks at several
+SEARCHING_THREADS = wp.constant(1 << 16)  # each looks at some of the rays
 
 wp.set_module_options(
     {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
