@@ -65,7 +65,7 @@ def prepared(
     if is_new and is_first():
         photos = capture.frames_of_video(data, side) if is_video else data
         program = capture.program_words(mask_with) if mask_with else ()
-        found_by(photos, work, side, is_video, masks, program, device)
+        found_by(photos, work, side, is_video, masks, program, device=device)
     elif is_first():
         if mask_with:
             say_not_masked(capture.frames_folder(data) if is_video else data)
@@ -136,7 +136,7 @@ def found_by(
 
     try:
         found = capture.find_cameras(
-            data, work, image_size, is_sequence, on_work, masks, program, device
+            data, work, image_size, is_sequence, on_work, masks, program, device=device
         )
     except KeyboardInterrupt:
         if place is not None:

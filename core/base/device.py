@@ -95,7 +95,7 @@ def _start_cuda(driver):
 
 
 def has_cuda_driver() -> bool:
-    """Whether there may be a GPU for CUDA; asked without starting it."""
+    """Whether there may be a GPU for CUDA, which this does not start."""
     return _cuda_driver() is not None
 
 

@@ -12,12 +12,13 @@ def test_raw_files_beside_photographs_are_named_before_the_work(tmp_path, monkey
     Image.new("RGB", (32, 24)).save(tmp_path / "a.jpg")
     (tmp_path / "b.CR2").touch()
 
-    def stop(*_):
+    def stop(*_, device):
+        assert device == "cpu"
         raise KeyboardInterrupt
 
     monkeypatch.setattr(capture, "find_cameras", stop)
     with pytest.raises(KeyboardInterrupt):
-        capturing.found_by(tmp_path, tmp_path / "work", 400, False)
+        capturing.found_by(tmp_path, tmp_path / "work", 400, False, device="cpu")
     said = f"1 raw file of a camera in {tmp_path}, first b.CR2, can't be read: export JPEG or TIFF"
     assert capsys.readouterr().out == f"{said} files.\n"
 

@@ -28,7 +28,7 @@ from ...core.training import (
     upright,
 )
 from .agreement import Agreement, agreement
-from .comparing import begin_comparer
+from .comparing import Comparer, begin_comparer
 from .features import find_features
 from .library import load_pycolmap
 from .mapping import ENOUGH, Mapped, connected, map_photos
@@ -132,13 +132,13 @@ def find_cameras(
     by = digest_of(program) if program else ""
     work, again = open_work(Path(work_folder), photos, image_size, given, by)
     on_work(work.folder, again)
-    comparer = begin_comparer(device)
     with Phases() as phases:
         if program:
             make_mattes(work, program, phases.phase)
+        loading = begin_comparer(device)  # the program before may need the GPU for itself
         unreadable += find_features(work, phases.phase)
         rings = find_turning(work, phases.phase)
-        work, mapped = mapped_by(work, rings, is_sequence, phases.phase, comparer)
+        work, mapped = mapped_by(work, rings, is_sequence, phases.phase, loading)
         check_mapped(folder, work, mapped, rings)
         mapped = checked(folder, len(photos), mapped)
         check_mapped(folder, work, mapped, rings)  # without cameras that aren't known
@@ -166,7 +166,7 @@ def find_cameras(
 
 
 def mapped_by(
-    work: Work, rings, is_sequence: bool, begin, comparer: Future
+    work: Work, rings, is_sequence: bool, begin, loading: Future[Comparer]
 ) -> tuple[Work, Mapped | None]:
     """The cameras, by features of the object alone where masks or rings tell it.
 
@@ -186,12 +186,13 @@ def mapped_by(
     for work in tried:
         if work.is_cut:
             find_features(work, begin)
-        match_photos(work, is_sequence, begin, comparer.result())
+        match_photos(work, is_sequence, begin, loading.result())
         mapped = map_photos(work, begin, rings, still)
         if best is None or (mapped and (not best[1] or count_of(mapped) > count_of(best[1]))):
             best = work, mapped
         if mapped and count_of(mapped) >= ENOUGH * len(work.photos):
             break
+    loading.result().close()
     return best
 
 

@@ -1,25 +1,27 @@
 """Where descriptors are compared: on the CPU by NumPy, or on a GPU by torch.
 
 Both find the matches of nearest.py, in the same order.  Importing torch takes seconds, so a thread
-does that while features are found.
+does that while features are found.  Whatever fails on the GPU, as too little memory, is done by
+the CPU.
 """
 
-import threading
+import logging
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 
 from ...core.base.device import Choice, has_cuda_driver
-from .nearest import FARTHEST, RATIO, matches_of
+from .nearest import FARTHEST, RATIO, matches_of, squares_of
 
-PAIRS_AT_ONCE = 64  # that are counted: of 512 features each, they take as much as one of 4,096
+PAIRS_AT_ONCE = 64  # in one product: of 512 features each, they take as much as one pair of 4,096
+log = logging.getLogger(__name__)
 
 
 class HostComparer:
     """Compares descriptors on the CPU."""
 
     def place(self, descriptors: np.ndarray):
-        """Descriptors, [m, 128] uint8, where they are compared."""
+        """Bring descriptors, [m, 128] uint8, to where they are compared."""
         return descriptors
 
     def matches(self, one, other) -> np.ndarray:
@@ -34,41 +36,58 @@ class HostComparer:
         """How many matches pairs of photographs have; descriptors as for `matches`.  [P]"""
         return list(map(len, pool.map(self.matches, ones, others)))
 
+    def close(self):
+        """Give back what comparing took."""
+
 
 class TorchComparer:
-    """The same on a GPU: a matrix product for each pair, or for many small ones together.
-
-    Not more than some hundred megabytes are taken: other programs and the training need memory.
-    """
+    """The same on a GPU: a matrix product for each pair, or for many small ones together."""
 
     def __init__(self, device: str):
+        """Any exception means that torch can't compute there."""
         import torch
 
         self._torch, self._device = torch, device
-        self._lock = threading.Lock()  # distances of one call at a time are in memory
+        # One thread: each would have a workspace of its own on the GPU, and distances in memory.
+        self._thread = ThreadPoolExecutor(1)
+        some = [torch.zeros((2, 128), dtype=torch.uint8, device=device)]
+        self._thread.submit(self._counts, some, some).result()  # libraries are loaded now
 
     def place(self, descriptors: np.ndarray):
-        return self._torch.tensor(descriptors, device=self._device)
+        placed = self._torch.from_numpy(np.array(descriptors))
+        try:
+            return placed.to(self._device)
+        except RuntimeError:  # no room: it goes there for each product
+            return placed
 
     def matches(self, one, other) -> np.ndarray:
         try:
-            with self._lock, self._torch.inference_mode():
-                (j,) = self._partners([one], [other])
-                (i,) = (j >= 0).nonzero(as_tuple=True)
-                return self._torch.stack([i, j[i]], dim=1).cpu().numpy()
-        except self._torch.OutOfMemoryError:
+            return self._thread.submit(self._matches, one, other).result()
+        except RuntimeError:
             return HostComparer().matches(one.cpu().numpy(), other.cpu().numpy())
 
     def counts(self, ones, others, pool: Executor) -> list[int]:
         try:
-            with self._lock, self._torch.inference_mode():
-                firsts = range(0, len(ones), PAIRS_AT_ONCE)
-                chunks = [slice(first, first + PAIRS_AT_ONCE) for first in firsts]
-                found = [(self._partners(ones[c], others[c]) >= 0).sum(dim=1) for c in chunks]
-                return self._torch.cat(found).tolist()
-        except self._torch.OutOfMemoryError:
+            return self._thread.submit(self._counts, ones, others).result()
+        except RuntimeError:
             sides = ([some.cpu().numpy() for some in side] for side in (ones, others))
             return HostComparer().counts(*sides, pool)
+
+    def close(self):
+        self._thread.shutdown()
+        if self._device != "cpu":
+            self._torch.cuda.empty_cache()  # Warp needs it, too
+
+    def _matches(self, one, other):
+        (j,) = self._partners([one], [other])
+        (i,) = (j >= 0).nonzero(as_tuple=True)
+        return self._torch.stack([i, j[i]], dim=1).cpu().numpy()
+
+    def _counts(self, ones, others):
+        firsts = range(0, len(ones), PAIRS_AT_ONCE)
+        chunks = [slice(first, first + PAIRS_AT_ONCE) for first in firsts]
+        found = [(self._partners(ones[c], others[c]) >= 0).sum(dim=1) for c in chunks]
+        return self._torch.cat(found).tolist()
 
     def _partners(self, ones, others):
         """The match of each feature of the one of each pair, -1 without one.  [P, m] int"""
@@ -85,15 +104,16 @@ class TorchComparer:
         return torch.where(back == torch.arange(j.shape[1], device=j.device), j, -1)
 
     def _padded(self, descriptors):
-        """Descriptors of several photographs in one array, and which rows are none's.
+        """Descriptors of several photographs in one array, and which rows are padding.
 
         Returns:
             [P, m, 128] float32, [P, m] bool
         """
-        torch = self._torch
-        counts = torch.tensor([[len(some)] for some in descriptors], device=self._device)
-        padded = torch.nn.utils.rnn.pad_sequence(descriptors, batch_first=True)
-        return padded.float(), torch.arange(padded.shape[1], device=self._device) >= counts
+        torch, device = self._torch, self._device
+        counts = torch.tensor([[len(some)] for some in descriptors], device=device)
+        placed = [some.to(device) for some in descriptors]
+        padded = torch.nn.utils.rnn.pad_sequence(placed, batch_first=True)
+        return padded.float(), torch.arange(padded.shape[1], device=device) >= counts
 
     def _clearly_nearest(self, off):
         """The column of each row's clearly smallest distance, -1 without.  [P, m, k] -> [P, m]"""
@@ -103,13 +123,11 @@ class TorchComparer:
         return self._torch.where(clear, nearest, -1)
 
 
-def squares_of(descriptors):
-    """Their squared lengths.  [..., 128] -> [...]"""
-    return (descriptors * descriptors).sum(dim=-1)
+Comparer = HostComparer | TorchComparer
 
 
-def begin_comparer(choice: Choice) -> Future:
-    """Load what compares descriptors fastest, in a thread; a Future of the comparer.
+def begin_comparer(choice: Choice) -> Future[Comparer]:
+    """Start a thread that loads the comparer for this machine.
 
     That is a GPU's if there is one, torch is installed with CUDA, and `choice` is not "cpu".
     """
@@ -119,13 +137,10 @@ def begin_comparer(choice: Choice) -> Future:
     return future
 
 
-def loaded() -> HostComparer | TorchComparer:
-    """The comparer of this machine, once torch is imported."""
+def loaded(device: str = "cuda") -> Comparer:
+    """The comparer on a GPU, or on the CPU if torch can't use that."""
     try:
-        import torch
-    except ImportError:
+        return TorchComparer(device)
+    except Exception as error:  # a torch that is broken, or without CUDA; a GPU that is full
+        log.info("Descriptors are compared on the CPU: %s", error)
         return HostComparer()
-    if not torch.cuda.is_available():
-        return HostComparer()
-    torch.zeros(1, device="cuda")  # it starts CUDA
-    return TorchComparer("cuda")

@@ -20,8 +20,7 @@ from .work import Look, Work, name_of, number_of
 MOST_FEATURES = 4096  # of a photograph; the strongest
 BEYOND = 0.005  # of the longer side: features so far outside of a user's or program's masks count
 FAINT = 0.002  # pycolmap's peak_threshold, which is 0.0067 for whole photographs
-AT_ONCE = 4  # photographs in memory for each thread, and as many that are read meanwhile
-MOST_AT_ONCE = 64  # of them in all
+MOST_AT_ONCE = 64  # photographs in memory, and as many that are read meanwhile
 FOCAL_FACTOR = 1.2  # focal length over the longer side, where EXIF doesn't say
 LEAST_MATCHES = 15  # of a pair that shows the same thing, as in pycolmap
 
@@ -48,7 +47,7 @@ def find_features(work: Work, begin) -> list[str]:
     # An interrupt may come between a photograph's features and its look.
     done = {number for number in extracted if work.has_look(number)}
     todo = [n for n in range(len(work.photos)) if n not in done]
-    unreadable, at_once = [], min(AT_ONCE * thread_count(), MOST_AT_ONCE)
+    unreadable, at_once = [], min(2 * thread_count(), MOST_AT_ONCE)
     portions = [todo[first : first + at_once] for first in range(0, len(todo), at_once)]
     title = "Features of the object" if work.is_cut else "Finding features"
     with (
@@ -83,7 +82,7 @@ def written(work: Work, number: int, folder: Path):
     except ImageError as error:
         return str(error)
     path = folder / f"{name_of(number)}.png"
-    Image.fromarray(rgb).save(path, compress_level=0)  # it is read once
+    Image.fromarray(rgb).save(path, compress_level=1)
     if work.is_cut:  # pycolmap's name for the mask of an image
         mask = object_mask(work, number, rgb.shape[1::-1])
         Image.fromarray(mask).save(path.with_name(path.name + ".png"), compress_level=1)

@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...core.base.device import thread_count
-from .comparing import HostComparer, TorchComparer
+from .comparing import Comparer
 from .features import LEAST_MATCHES
 from .library import SEED, Threads, load_pycolmap
 from .work import Work, number_of
@@ -39,7 +39,7 @@ class Features:
     Attributes:
         camera: pycolmap's.
         places: In the image.  [m, 2] float64
-        descriptors: Where they are compared.  [m, 128] uint8
+        descriptors: On the comparer's device.  [m, 128] uint8
         largest: Those of the features that cover most pixels.  [at most LARGEST, 128] uint8
     """
 
@@ -49,7 +49,7 @@ class Features:
     largest: Any
 
 
-def match_photos(work: Work, is_sequence: bool, begin, comparer: HostComparer | TorchComparer):
+def match_photos(work: Work, is_sequence: bool, begin, comparer: Comparer):
     """Match the features of pairs of photographs that have not been matched yet.
 
     Args:
@@ -96,14 +96,13 @@ def features_of(database, images: dict, comparer, number: int) -> Features:
 def pairs_alike(pairs, features, comparer, begin, pool) -> set[tuple[int, int]]:
     """Pairs whose largest features say that they may share something.
 
-    Their matches are found in a tenth of the time.  Of each photograph the CLOSEST pairs with most
-    of them are among these in any case.
+    Their matches are found in a tenth of the time, or less.  Of each photograph the CLOSEST pairs
+    with most of them are among these in any case.
 
     Args:
         features: Those of a photograph, by its number.
         begin: Phases.phase.
     """
-
     counts, of_each = {}, defaultdict(list)
     with begin("Comparing photographs", len(pairs)) as advance:
         for first in range(0, len(pairs), KEPT):

@@ -64,5 +64,5 @@ def clearly_nearest(queries, among, most: int):
 
 
 def squares_of(descriptors):
-    """Their squared lengths.  [m, 128] -> [m]"""
-    return (descriptors * descriptors).sum(axis=1)
+    """Their squared lengths, of arrays of NumPy or torch.  [..., 128] -> [...]"""
+    return (descriptors * descriptors).sum(axis=-1)

@@ -6,7 +6,8 @@
 // all warps have read.  The weights come from global memory, through the caches, AHEAD steps ahead,
 // and the inputs of the next rows a whole network ahead.
 #include "tensor_cores.h"
-enum { ROWS = 64, STRIDE = @MAX_WIDTH + 8, AHEAD = @AHEAD };  // halves; rows begin at different banks
+enum { ROWS = 64, AHEAD = @AHEAD };
+enum { STRIDE = @MAX_WIDTH + 8 };  // halves; rows begin at different banks
 __shared__ __align__(16) uint rows[ROWS * STRIDE / 2];
 
 const uint2* const weights = reinterpret_cast<const uint2*>(fragments.data);

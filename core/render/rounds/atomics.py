@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 #endif
 """)
 def claim(state: wp.array(dtype=int), place: int) -> int:
-    """Add 1 to a number of the array, for each thread; returns what it was before, in turn."""
+    """Each thread adds 1 to state[place]; returns the value before its own addition."""
     ...
 
 
@@ -34,5 +34,5 @@ def claim(state: wp.array(dtype=int), place: int) -> int:
 #endif
 """)
 def add_up(state: wp.array(dtype=int), place: int, value: int):
-    """Add a value of each thread to a number of the array."""
+    """Add each thread's value to state[place]."""
     ...

@@ -86,7 +86,7 @@ def means_kernel(
     transmittance: wp.array(dtype=float),  # [R]
     sums: wp.array(dtype=wp.vec4),  # [5 R]
     constant_direction: int,  # 1: the color does not depend on the direction
-    count: wp.array(dtype=int),  # [1] out: rays with any opacity
+    count: wp.array(dtype=int),  # [1] 0 before; out: rays with any opacity
     painted: wp.array(dtype=int),  # [R] out: these rays
     x: wp.array(dtype=vec4h),  # [8 R] out: of each, mean h, then Y of the mean direction
 ):

@@ -12,8 +12,8 @@ One launch makes the rays and lists those that meet the mesh.  Each round then h
 
 If each ray has one color, rays sum h instead of colors, and one kernel does encode, evaluate and
 composite (slot_shading.py).  If pieces have to be sorted, slot_densities.py does encode and
-evaluate, before composite.  After the rounds, three launches color all rays: means, color network,
-pixels.  If further rounds are needed, these three are launched again after them.
+evaluate, before composite.  After the rounds, three launches color all rays that have any opacity:
+means, color network, pixels.  If further rounds are needed, they are launched again after them.
 
 If nothing overlaps, one CUDA graph has the launches of a whole image; otherwise there is a graph
 for each round.  If stages are timed, there is no graph.

@@ -1,5 +1,6 @@
 """Matches of descriptors are what the definition says, ties included, wherever they are found."""
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -87,24 +88,47 @@ def test_torch_finds_the_same_in_the_same_order(device, monkeypatch):
         monkeypatch.setattr(comparing, "PAIRS_AT_ONCE", at_once)
         sides = zip(*[map(torch.place, pair) for pair in pairs], strict=True)
         assert torch.counts(*sides, None) == list(map(len, expected))
+    torch.close()
 
 
-def test_a_gpu_without_room_leaves_a_pair_to_the_cpu(monkeypatch):
+def test_what_fails_on_a_gpu_is_compared_on_the_cpu(monkeypatch):
     torch = pytest.importorskip("torch")
     rng = np.random.default_rng()
     one = descriptors(rng, 90).astype(np.uint8)
     other = descriptors(rng, 120, one).astype(np.uint8)
     full = comparing.TorchComparer("cpu")
+    sides = full.place(one), full.place(other)
 
-    def fail(*_):
+    def fail(*_, **__):
         raise torch.OutOfMemoryError
 
     monkeypatch.setattr(full, "_partners", fail)
-    found = full.matches(full.place(one), full.place(other))
+    found = full.matches(*sides)
     np.testing.assert_array_equal(found, comparing.HostComparer().matches(one, other))
     with ThreadPoolExecutor(1) as pool:
-        assert full.counts([full.place(one)], [full.place(other)], pool) == [len(found)]
+        assert full.counts(*([side] for side in sides), pool) == [len(found)]
     assert len(found) > 15
+    monkeypatch.setattr(torch.Tensor, "to", fail)
+    np.testing.assert_array_equal(full.place(one).numpy(), one)
+    full.close()
+
+
+def test_a_torch_that_cannot_use_the_gpu_leaves_all_to_the_cpu(monkeypatch):
+    torch = pytest.importorskip("torch")
+    usable = comparing.loaded("cpu")
+    assert isinstance(usable, comparing.TorchComparer)
+    usable.close()
+
+    def fail(*_, **__):
+        raise RuntimeError("CUDA error: no kernel image is available")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "baddbmm", fail)
+        assert isinstance(comparing.loaded("cpu"), comparing.HostComparer)
+    if not torch.cuda.is_available():
+        assert isinstance(comparing.loaded(), comparing.HostComparer)
+    monkeypatch.setitem(sys.modules, "torch", None)  # it isn't installed
+    assert isinstance(comparing.loaded(), comparing.HostComparer)
 
 
 def test_torch_is_asked_only_where_a_driver_for_it_is(monkeypatch):

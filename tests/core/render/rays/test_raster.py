@@ -4,10 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 from tile_rays import begun
 
-from deformrf.core.render import Pose, from_field_of_view, look_at
-from deformrf.core.render.rays.entries import UNKNOWN
+from deformrf.core.geometry import a15_grid, extract, tet_neighbours
+from deformrf.core.render import Pose, camera_rays, from_field_of_view, look_at
+from deformrf.core.render.rays.entries import (
+    MOST_ENTRIES,
+    UNKNOWN,
+    Entries,
+    empty_entries,
+    find_entries,
+)
+from deformrf.core.render.rays.marching import empty_rays
+from deformrf.core.render.rays.pose import Geometry
 from deformrf.core.render.rays.raster import bounding_rectangles, row_work
 
 SIZE = 80
@@ -137,3 +147,45 @@ def test_a_vertex_that_is_nowhere_leaves_rays_to_search(make_ball_field):
             vertices = pose.vertices.numpy().copy()
             vertices[pose.boundary_faces[0, 0]] = number
             assert not len(bounding_rectangles(camera, vertices, pose.boundary_faces))
+
+
+@wp.kernel(enable_backward=False)
+def entries_kernel(
+    geometry: Geometry,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    entries: Entries,
+):
+    ray = wp.tid()
+    find_entries(geometry, origins[ray], directions[ray], ray, entries, True)
+
+
+def test_rays_through_many_sheets_keep_as_many_entries_as_a_list_holds(device):
+    """Both ways to find entries; rays with more search, as those that meet an edge do."""
+    rng = np.random.default_rng()
+    grid = a15_grid(0.05)
+    x = grid.rest_vertices[grid.tets].mean(axis=1)[:, 0]
+    for count in (3, 7, 12):
+        mesh, _ = extract(grid, (np.floor(x / 0.04) % 2 == 0) & (x < 0.08 * count))
+        pose = Pose(mesh, tet_neighbours(mesh.tets), device)
+        eye = np.array([-1.5, *rng.uniform(0.3, 0.7, 2)])
+        camera = from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.3, 40, 40)
+        rays = empty_rays(1600, pose.device)
+        rays.entries = empty_entries(1600, pose.device)
+        for array, values in zip((rays.origins, rays.directions), camera_rays(camera), strict=True):
+            array.assign(values)
+        pose.refresh_face_boxes()
+        inputs = [pose.geometry, rays.origins, rays.directions, rays.entries]
+        wp.launch(entries_kernel, 1600, inputs, device=device)
+        expected, ways = crossings(pose, rays), [rays]
+        if pose.device.is_cpu:
+            ways.append(begun(camera, pose)[0])
+        for way in ways:
+            counts, t = way.entries.count.numpy(), way.entries.t.numpy()
+            known = counts != UNKNOWN
+            enters = [[t for t, entering in ray if entering] for ray in expected]
+            many = np.array([len(ts) > MOST_ENTRIES for ts in enters])
+            assert not known[many].any() and known[~many].mean() > 0.9
+            assert many.mean() > 0.5 if count == 12 else counts.max() >= count
+            for ray in np.flatnonzero(known):
+                np.testing.assert_allclose(t[: counts[ray], ray], enters[ray], rtol=1e-5)
