@@ -8,16 +8,17 @@ import warp as wp
 from tile_rays import begun
 
 from deformrf.core.geometry import a15_grid, extract, tet_neighbours
-from deformrf.core.render import Pose, camera_rays, from_field_of_view, look_at
-from deformrf.core.render.rays.entries import (
-    MOST_ENTRIES,
-    UNKNOWN,
-    Entries,
+from deformrf.core.render import (
+    Geometry,
+    Pose,
+    camera_rays,
     empty_entries,
+    empty_rays,
     find_entries,
+    from_field_of_view,
+    look_at,
 )
-from deformrf.core.render.rays.marching import empty_rays
-from deformrf.core.render.rays.pose import Geometry
+from deformrf.core.render.rays.entries import MOST_ENTRIES, UNKNOWN, Entries
 from deformrf.core.render.rays.raster import bounding_rectangles, row_work
 
 SIZE = 80
