@@ -36,12 +36,14 @@ def minimum_cut(
     free = held == 0
     source, sink = int(free.sum()), int(free.sum()) + 1
     ids = np.where(held > 0, source, np.where(held < 0, sink, np.cumsum(free) - 1))
+    ids = ids.astype(np.int32)  # SciPy's own type
     a, b = ids[pairs].T
     inner = (a != b) & (a + b != source + sink)
-    own = np.arange(source)
+    own = np.arange(source, dtype=np.int32)
     pulled = pulls[free]
-    rows = np.concatenate([a[inner], b[inner], np.full(source, source), own])
-    columns = np.concatenate([b[inner], a[inner], own, np.full(source, sink)])
+    a, b = a[inner], b[inner]
+    rows = np.concatenate([a, b, np.full_like(own, source), own])
+    columns = np.concatenate([b, a, own, np.full_like(own, sink)])
     sizes = [ties[inner], ties[inner], np.maximum(pulled, 0.0), np.maximum(-pulled, 0.0)]
     capacities = np.rint(WHOLE * np.minimum(np.concatenate(sizes), MOST / WHOLE)).astype(np.int32)
     some = (capacities > 0) & (rows != sink) & (columns != source)
@@ -70,8 +72,9 @@ def near_minimum_cut(
         groups: The group of each node.  [N] int
     """
     free = held == 0
-    number, grouped = np.unique(groups[free], return_inverse=True)
-    count = len(number)
+    some = np.zeros(groups.max(initial=-1) + 1, bool)
+    some[groups[free]] = True
+    count, grouped = int(some.sum()), (np.cumsum(some) - 1)[groups[free]]
     ids = np.where(held > 0, count, count + 1)  # all that is held on one side is one node
     ids[free] = grouped
     coarse = ids[pairs]
@@ -82,7 +85,7 @@ def near_minimum_cut(
     kept = minimum_cut(sums, coarse[parted], ties[parted], coarse_held)[ids]
     for _ in range(ROUNDS):
         at_border = np.zeros(count + 2, bool)
-        at_border[ids[pairs[kept[pairs].sum(axis=1) == 1]]] = True
+        at_border[ids[pairs[kept[pairs[:, 0]] != kept[pairs[:, 1]]]]] = True
         sides = np.where(at_border[ids] & free, 0, np.where(kept, 1, -1))
         kept = minimum_cut(pulls, pairs, ties, sides)
     return kept

@@ -270,7 +270,8 @@ def neck_of(scene: Isolation, kept: np.ndarray) -> float:
     matter, which of a shell has no scale.  Infinite if one side has hardly any matter.
     """
     weights = scene.weights
-    parted = kept[scene.matter.pairs].sum(axis=1) == 1
+    one, other = scene.matter.pairs.T
+    parted = kept[one] != kept[other]
     smaller = min(weights[kept].sum(), weights[~kept].sum())
     if smaller <= LEAST * weights.sum():
         return np.inf
@@ -409,10 +410,10 @@ def joined_to(matter: SubtetGraph, to: np.ndarray, among: np.ndarray) -> np.ndar
     if not len(ids):
         return among
     count = len(ids)
-    columns = (matter.nodes[ids] + count).ravel()
+    columns = (matter.nodes[ids] + count).ravel().astype(np.int32)  # SciPy's own types
     size = int(columns.max()) + 1
-    starts = np.minimum(4 * np.arange(size + 1), 4 * count)
-    graph = csr_array((np.ones(4 * count, np.int8), columns, starts), shape=(size, size))
+    starts = np.minimum(4 * np.arange(size + 1, dtype=np.int32), 4 * count)
+    graph = csr_array((np.ones(4 * count), columns, starts), shape=(size, size))
     labels = connected_components(graph, directed=False)[1][:count]
     joined = np.zeros(len(among), bool)
     joined[ids] = np.isin(labels, np.unique(labels[to[ids]]))

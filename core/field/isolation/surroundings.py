@@ -167,7 +167,9 @@ def layer_on(flat: Flat, matter: SubtetGraph, over: np.ndarray, place: np.ndarra
     thick = matter.depths >= FOG
     above = thick & (heights >= LOW) & (heights < ABOVE)
     if low.any() and above.any():
-        across = matter.middles @ flat.axes.T / matter.edge
-        distances = cKDTree(across[above]).query(across[low], distance_upper_bound=ASIDE)[0]
-        low[low] = ~np.isfinite(distances)
+        across, higher = (matter.middles[some] @ flat.axes.T / matter.edge for some in (low, above))
+        first, last = across.min(axis=0) - ASIDE, across.max(axis=0) + ASIDE
+        higher = higher[((higher >= first) & (higher <= last)).all(axis=1)]
+        tree = cKDTree(higher, balanced_tree=False, compact_nodes=False)
+        low[low] = ~np.isfinite(tree.query(across, distance_upper_bound=ASIDE)[0])
     return low
