@@ -110,7 +110,7 @@ def find_cameras(
         masks: Folder of the photographs' masks (core/training/data/masks.py): only what they show
             is followed.
         program: Instead, the words of a program that makes them (masking.py).
-        device: Where descriptors are compared; the cameras don't depend on it.
+        device: Where descriptors are compared; the matches don't depend on it.
 
     Raises:
         CaptureError: The photographs don't fit together, are too few, or can't be read; or the
