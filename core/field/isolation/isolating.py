@@ -233,9 +233,14 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
         ours: What they hold.  [N] bool
         named: Of each draw, its parts that go, and those that may: see what_goes.
     """
-    results = [
-        Isolated(without_surroundings(scene, place, ours, goes), tuple(goes)) for goes, _ in named
-    ]
+    results, tried = [], []
+    for goes, _ in named:
+        shells = [part.shell(scene.matter) for part in goes]
+        if any(all_alike(shells, others) and all_alike(others, shells) for others in tried):
+            continue  # another draw has found the same
+        tried.append(shells)
+        kept = without_surroundings(scene, place, ours, goes)
+        results.append(Isolated(kept, tuple(goes)))
     necks = [neck_of(scene, result.kept) for result in results]
     least = int(np.argmin(necks))
     first, neck = results[least], SURER * necks[least]
@@ -244,7 +249,7 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
     best, tried = first, []
     for part in (part for _, may_go in named for part in may_go):
         shell = part.shell(scene.matter) & first.kept
-        if any((shell & other).sum() >= ALIKE * shell.sum() for other in tried):
+        if all_alike([shell], tried):
             continue  # another draw has found it as well, or there is nothing of it
         tried.append(shell)
         kept, _ = parted_from(scene, place, ours, [part], first.kept)
@@ -252,6 +257,13 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
         if its_neck < neck and (part.reason != NONE or stands_alone(scene, kept, first.kept)):
             best, neck = Isolated(kept, (*first.left_out, part)), its_neck
     return best
+
+
+def all_alike(shells, others) -> bool:
+    """Whether each of some shells [N] bool has nearly all its matter in common with another one."""
+    return all(
+        any((shell & other).sum() >= ALIKE * shell.sum() for other in others) for shell in shells
+    )
 
 
 def stands_alone(scene: Isolation, kept: np.ndarray, before: np.ndarray) -> bool:
@@ -288,7 +300,6 @@ def parted_from(scene: Isolation, place, ours, parts, among):
     for part in parts:
         held[part.shell(matter) & ~ours] = -1
         layers |= layer_on(part.flat, matter, part.over, place)
-    held[(held == 0) & ~joined_to(matter, held > 0, held >= 0)] = -1
     kept = scene.cut(np.where(layers, -LAYER, BY_DEFAULT) * scene.weights, held)
     return kept & joined_to(matter, ours, kept), layers
 
@@ -430,9 +441,9 @@ def distances(scene: Isolation, ways, sources: np.ndarray, among: np.ndarray) ->
     from scipy.sparse.csgraph import dijkstra
 
     matter, count = scene.matter, len(scene.matter.tets)
-    open_ = among[matter.pairs].all(axis=1)
-    a, b = matter.pairs[open_].T
-    graph = csr_array((ways[open_], (a, b)), shape=(count, count))
+    a, b = matter.pairs.T
+    open_ = among[a] & among[b]
+    graph = csr_array((ways[open_], (a[open_], b[open_])), shape=(count, count))
     found = dijkstra(graph, directed=False, indices=sources, min_only=True)
     return np.minimum(found, FARTHEST)
 

@@ -53,9 +53,14 @@ class SubtetGraph:
         return float(np.cbrt(6.0 * np.sqrt(2.0) * self.volumes.mean()))
 
     @cached_property
-    def groups(self) -> np.ndarray:
-        """A number for each, the same in all of a child, or of a tet if children are taken.  [N]"""
-        return 8 * self.tets + self.subtets // 8
+    def groups(self) -> tuple[np.ndarray, ...]:
+        """A number for each, the same in all of a tet, then of a child but if children are taken.
+
+        [N] int each
+        """
+        return tuple(
+            8**k * self.tets + self.subtets // 8 ** (self.levels - k) for k in range(self.levels)
+        )
 
     def masks(self, chosen: np.ndarray) -> np.ndarray:
         """Some of them [N] bool as masks of the field's tets, empty sub-tets of a child as well.
@@ -204,4 +209,4 @@ def touching(nodes: np.ndarray, corners: np.ndarray):
     a, b, c = np.moveaxis(corners[one[:, None], rest], 1, 0)
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     mean = areas.mean() if len(areas) else 1.0
-    return np.stack([one, neighbours[one, face]], axis=1), areas / mean
+    return np.stack([one, neighbours[one, face]]).T, areas / mean  # columns lie in a row

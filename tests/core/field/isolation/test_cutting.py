@@ -76,13 +76,16 @@ def chains(rng, length=40, group=5):
     return pairs, np.zeros(length**2), ties, held.ravel(), (row * length + column).ravel()
 
 
-def test_a_cut_by_groups_costs_little_more_than_the_least():
+@pytest.mark.parametrize("larger", [(), (20,), (20, 10)])
+def test_a_cut_by_groups_costs_little_more_than_the_least(larger):
     pairs, pulls, ties, held, groups = chains(np.random.default_rng())
+    row, column = np.indices((40, 40))
+    within = [((row // size) * 40 + column // size).ravel() for size in larger]
     least = cost(minimum_cut(pulls, pairs, ties, held), pulls, pairs, ties)
-    kept = near_minimum_cut(pulls, pairs, ties, held, groups)
+    kept = near_minimum_cut(pulls, pairs, ties, held, [*within, groups])
     assert kept[held > 0].all() and not kept[held < 0].any()
     assert cost(kept, pulls, pairs, ties) < 1.1 * least
-    each = near_minimum_cut(pulls, pairs, ties, held, np.arange(len(held)))
+    each = near_minimum_cut(pulls, pairs, ties, held, [np.arange(len(held))])
     assert cost(each, pulls, pairs, ties) <= least + len(pairs) / WHOLE
 
 
@@ -92,7 +95,7 @@ def test_each_round_at_the_border_makes_a_cut_cheaper(monkeypatch):
         pairs, pulls, ties, held, groups = chains(rng)
         for rounds in range(3):
             monkeypatch.setattr(cutting, "ROUNDS", rounds)
-            kept = near_minimum_cut(pulls, pairs, ties, held, groups)
+            kept = near_minimum_cut(pulls, pairs, ties, held, [groups])
             sums[rounds] += cost(kept, pulls, pairs, ties)
     assert sums[0] > 1.01 * sums[1] and sums[1] >= sums[2] - 1e-9
 
@@ -101,5 +104,5 @@ def test_a_cut_by_groups_moves_to_a_neck_within_a_group():
     pairs, pulls, ties, held, groups = chains(np.random.default_rng())
     ties[((pairs % 40 > 13) & (pairs % 40 < 21)).all(axis=1)] *= 0.5  # a group has 15 to 19
     ties[(pairs % 40 == 17).any(axis=1) & (pairs % 40 == 18).any(axis=1)] = 0.01
-    kept = near_minimum_cut(pulls, pairs, ties, held, groups)
+    kept = near_minimum_cut(pulls, pairs, ties, held, [groups])
     np.testing.assert_array_equal(kept, np.arange(len(held)) % 40 <= 17)

@@ -26,6 +26,16 @@ def test_those_that_touch_are_near_each_other():
     assert (graph.pairs[:, 0] < graph.pairs[:, 1]).all()
 
 
+def test_groups_are_tets_and_children_within_these():
+    graph = matter_where(ball((0.5, 0.5, 0.5), 0.35))
+    tets, children = graph.groups
+    np.testing.assert_array_equal(tets, graph.tets)
+    for child in np.unique(children)[:20]:
+        own = graph.middles[children == child]
+        assert len(own) <= 8 and len(np.unique(tets[children == child])) == 1
+        assert np.ptp(own, axis=0).max() < 2.0 * graph.edge
+
+
 def test_its_volume_is_the_volume_of_the_solid():
     graph = matter_where(ball((0.5, 0.5, 0.5), 0.35), spacing=0.04)
     assert abs(graph.volumes.sum() / (4.0 / 3.0 * np.pi * 0.35**3) - 1.0) < 0.02
