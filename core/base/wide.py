@@ -23,6 +23,19 @@ def load_wide(values: wp.array(dtype=wp.vec4), i: int) -> wp.vec4: ...
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    float4 v = *reinterpret_cast<const float4*>(&wp::index(values, i));
+    return wp::vec_t<4, wp::float32>(v.x, v.y, v.z, v.w);
+#else
+    return wp::index(values, i);
+#endif
+""")
+def load_wide_own(values: wp.array(dtype=wp.vec4), i: int) -> wp.vec4:
+    """`load_wide` of what this thread's kernel may have written."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     int4 v = __ldg(reinterpret_cast<const int4*>(&wp::index(values, i)));
     return wp::vec_t<4, wp::int32>(v.x, v.y, v.z, v.w);
 #else

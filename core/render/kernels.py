@@ -14,11 +14,11 @@ def kernel_modules(device: wp.DeviceLike) -> list[str]:
     modules, names = [pose, search, modes, subpixel], []
     if str(device).startswith("cuda"):
         from .overlap import bins, window_slots
-        from .rounds import ray_color, slot_densities, slot_march, slot_shading, slots
+        from .rounds import ray_color, slot_densities, slot_march, slots, tracing
 
         names = [kernel.module.name for kernel in (encode_kernel, networks_kernel)]
         modules += [render, camera, compositing, merging, bins, window_slots, marching, slots]
-        modules += [ray_color, deferred, shading, slot_march, slot_shading, slot_densities]
+        modules += [ray_color, deferred, shading, slot_march, slot_densities, tracing]
     else:  # overlap/windows.py is compiled with cpu.py; what crowded rays need, if there are any
         modules += [cpu_tiles, cpu, upsampling]
     return sorted({*names, *(module.__name__ for module in modules)})

@@ -375,6 +375,8 @@ class Renderer:
         return memory
 
     def _render_wavefront(self, camera, options, rows) -> Image:
+        from .overlap.window_slots import WindowSlots  # kernels that only CUDA needs
+
         shape = (rows[1] - rows[0], camera.width)
         count = shape[0] * shape[1]
         wavefront = self._wavefront_for(count)
@@ -399,6 +401,8 @@ class Renderer:
         if overlaps:  # the image is begun, perhaps anew
             wavefront.begin(*view)
             self.overlap.join()
+            if self._windows is None:  # most models never overlap themselves
+                self._windows = WindowSlots(self.pose, wavefront, self.field.options)
             crowded, sample_count = self._windows.render(
                 self.overlap.counts, camera.width, shape[0], options, self.stage
             )
@@ -418,14 +422,12 @@ class Renderer:
 
     def _wavefront_for(self, count):
         """A wavefront that holds that many pixels: the last one, if it is large enough."""
-        from .overlap.window_slots import WindowSlots
         from .rounds.wavefront import Wavefront  # kernels that only CUDA needs
 
         if self._wavefront is None or self._wavefront.capacity < count:
             self._wavefront = self._windows = None  # frees their memory first
             capacity = -(-count // WAVEFRONT_PIXELS) * WAVEFRONT_PIXELS
             self._wavefront = Wavefront(self.pose, self.shading, self.field.options, capacity)
-            self._windows = WindowSlots(self.pose, self._wavefront)
         return self._wavefront
 
 

@@ -356,7 +356,9 @@ def composite_windows_kernel(stop: float, buffers: Buffers, windows: Windows, _b
 class WindowSlots:
     """Renders images of a wavefront in poses that overlap themselves."""
 
-    def __init__(self, pose: Pose, wavefront: Wavefront):
+    def __init__(self, pose: Pose, wavefront: Wavefront, options):
+        """Allocate everything; `options` are the field's."""
+        wavefront.add_slots(options)
         self._pose, self._wavefront = pose, wavefront
         capacity, device = wavefront.capacity, pose.device
         self._bins = TetBins(pose, wavefront.buffers, capacity)

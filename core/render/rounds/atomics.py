@@ -1,4 +1,4 @@
-"""Counters on the device that all active threads of a warp change by one atomic together."""
+"""Counters on the device that all active threads of a warp change together; votes of a warp."""
 
 import warp as wp
 
@@ -35,4 +35,16 @@ def claim(state: wp.array(dtype=int), place: int) -> int:
 """)
 def add_up(state: wp.array(dtype=int), place: int, value: int):
     """Add each thread's value to state[place]."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __popc(__ballot_sync(0xffffffffu, flag));
+#else
+    return flag;
+#endif
+""")
+def count_of_warp(flag: bool) -> int:
+    """Of how many threads of the warp a flag is true; all of them call it."""
     ...

@@ -14,7 +14,7 @@ from ...base.wide import load_wide, store_wide_half, vec4h
 from ...field import CONSTANT_BASIS, Tables, basis_of, encoded_half
 from ...geometry import lattice_point
 from ..rays.camera import DeviceCamera, camera_ray
-from ..rays.entries import empty_entries, find_entries
+from ..rays.entries import UNKNOWN, empty_entries, find_entries
 from ..rays.marching import Rays, Samples, empty_rays, empty_samples
 from ..rays.pose import Geometry
 from .atomics import add_up, claim
@@ -37,9 +37,12 @@ SAMPLES = wp.constant(8)  # evaluated
 CROWDED = wp.constant(9)  # rays that need another path, see overlap/window_slots.py
 STUCK = wp.constant(10)  # rays that could not go on for want of slots, in the last round
 FEWEST = wp.constant(11)  # slots per ray from now on, because many were stuck
-NEXT_TILE = wp.constant(12)  # of 32 listed rays, see slot_shading.py
-PAINTED = wp.constant(13)  # rays that get colors, see ray_color.py
-STATE_SIZE = 14
+PAINTED = wp.constant(12)  # rays that get colors, see ray_color.py
+# If rays are traced without rounds (tracing.py):
+NEXT_RAY = wp.constant(13)  # of those that are listed
+SEARCHING = wp.constant(14)  # rays that search, listed apart
+NEXT_SEARCHING = wp.constant(15)  # of these
+STATE_SIZE = 16
 MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -79,41 +82,49 @@ class Buffers:
     depth: wp.array(dtype=float)  # [R] of finished rays
 
 
-def empty_buffers(ray_count: int, slot_count: int, options, shading) -> Buffers:
-    """Room for so many rays and slots of a field with `options`, whose Shading that is."""
+def empty_buffers(ray_count: int, options, shading) -> Buffers:
+    """Room for so many rays of a field with `options`, whose Shading that is; see `add_slots`."""
     buffers, deferred, device = Buffers(), options.deferred, shading.device
     buffers.rays = empty_rays(ray_count, device)
     buffers.rays.entries = empty_entries(ray_count, device)
     buffers.pixels = empty_pixels(ray_count, device, deferred)
-    buffers.slots = empty_samples(slot_count, device)
-    sample_count, ray_colors = (0, ray_count) if deferred else (slot_count, 0)
-    value_count = slot_count - sample_count
-    feature_count = 0 if deferred and device.is_cuda else slot_count * options.level_count
-    basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (sample_count, 1))
+    painted_count = ray_count if deferred else 0
     with wp.ScopedDevice(device):
         buffers.camera = wp.zeros(1, dtype=DeviceCamera)
         buffers.state = wp.zeros(STATE_SIZE, dtype=int)
         buffers.lists = wp.empty((2, ray_count), dtype=int)
-        buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
-        buffers.features = wp.zeros(feature_count, dtype=vec4h)
-        buffers.sigma = wp.empty(slot_count, dtype=float)
-        buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
-        buffers.rgb = wp.empty(sample_count + ray_colors, dtype=wp.vec3)
-        buffers.h = wp.empty(4 * value_count, dtype=vec4h)
-        buffers.weights = wp.empty(value_count, dtype=float)
         buffers.rotations = shading.rotations
         buffers.sums = fours_of(buffers.pixels.sums)
-        buffers.painted = wp.empty(ray_colors, dtype=int)
-        buffers.means = wp.zeros(8 * ray_colors, dtype=vec4h)
+        buffers.painted = wp.empty(painted_count, dtype=int)
+        buffers.means = wp.zeros(8 * painted_count, dtype=vec4h)
+        buffers.rgb = wp.empty(painted_count, dtype=wp.vec3)
         buffers.background = wp.zeros(1, dtype=wp.vec3)
         buffers.color = wp.empty(ray_count, dtype=wp.vec4ub)
         buffers.depth = wp.empty(ray_count, dtype=float)
     return buffers
 
 
+def add_slots(buffers: Buffers, slot_count: int, options, device: wp.DeviceLike):
+    """Give buffers room for so many slots, which rounds need."""
+    deferred = options.deferred
+    buffers.slots = empty_samples(slot_count, device)
+    feature_count = 0 if deferred and device.is_cuda else slot_count * options.level_count
+    with wp.ScopedDevice(device):
+        buffers.counts = wp.empty(slot_count // LEAST_SLOTS, dtype=int)
+        buffers.features = wp.zeros(feature_count, dtype=vec4h)
+        buffers.sigma = wp.empty(slot_count, dtype=float)
+        if deferred:
+            buffers.h = wp.empty(4 * slot_count, dtype=vec4h)
+            buffers.weights = wp.empty(slot_count, dtype=float)
+        else:
+            basis = np.tile(np.array(CONSTANT_BASIS, np.float16), (slot_count, 1))
+            buffers.basis = wp.array(basis.reshape(-1, 4), dtype=vec4h)
+            buffers.rgb = wp.empty(slot_count, dtype=wp.vec3)
+
+
 @wp.func
 def has_ray_colors(buffers: Buffers):
-    return buffers.weights.shape[0] > 0
+    return buffers.painted.shape[0] > 0
 
 
 @wp.func
@@ -131,10 +142,11 @@ def finish_ray(buffers: Buffers, ray: int, color: wp.vec3, opacity: float, depth
 
 
 @wp.kernel
-def begin_kernel(geometry: Geometry, first_row: int, row_count: int, buffers: Buffers):
+def begin_kernel(geometry: Geometry, first_row: int, row_count: int, apart: int, buffers: Buffers):
     """Make the rays of the image, find their entries, and list those that meet the mesh.
 
-    Rays are numbered as their pixels, row by row.
+    Rays are numbered as their pixels, row by row.  With apart = 1 those that search for their
+    entries have the other list.
     """
     camera = buffers.camera[0]
     width = camera.lens.width
@@ -147,7 +159,8 @@ def begin_kernel(geometry: Geometry, first_row: int, row_count: int, buffers: Bu
     rays.origins[ray] = origin
     rays.directions[ray] = direction
     buffers.pixels.transmittance[ray] = 1.0
-    if find_entries(geometry, origin, direction, ray, rays.entries, True) == 0:
+    found = find_entries(geometry, origin, direction, ray, rays.entries, True)
+    if found == 0:
         finish_ray(buffers, ray, buffers.background[0], 0.0, 0.0)
         return
     rays.t[ray] = 0.0
@@ -156,7 +169,10 @@ def begin_kernel(geometry: Geometry, first_row: int, row_count: int, buffers: Bu
     rays.piece[ray] = 0
     buffers.pixels.color[ray] = wp.vec3()
     buffers.pixels.depth[ray] = 0.0
-    list_ray(buffers, ray)
+    if apart != 0 and found == UNKNOWN:
+        buffers.lists[0, claim(buffers.state, SEARCHING)] = ray
+    else:
+        list_ray(buffers, ray)
 
 
 @wp.kernel
@@ -171,7 +187,6 @@ def advance_kernel(slot_count: int, least: int, most: int, state: wp.array(dtype
         fewest = wp.min(2 * state[PER_RAY], most)
         state[FEWEST] = fewest
     state[STUCK] = 0
-    state[NEXT_TILE] = 0
     listed = state[NEXT_LISTED]
     state[PARITY] = 1 - state[PARITY]
     state[LISTED] = listed

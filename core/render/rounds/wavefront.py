@@ -1,7 +1,11 @@
-"""Default mode on CUDA: an image in rounds that do not wait for the host.
+"""Default mode on CUDA: images without a wait for the host.
 
-One launch makes the rays and lists those that meet the mesh.  Each round then has six launches
-(the kernels are in slots.py and slot_march.py):
+One launch makes the rays and lists those that meet the mesh.  If each ray has one color, another
+one takes them from there to their sums (tracing.py).  Three launches then color all rays that have
+any opacity: means, color network, pixels.
+
+If samples have colors, or pieces have to be sorted (overlap/window_slots.py), rays go on in rounds.
+Each has six launches (the kernels are in slots.py and slot_march.py):
 
     advance     swaps the lists of rays and divides the slots among the rays
     march       fills K slots for each ray of the list, for as many rays as there are slots
@@ -10,10 +14,8 @@ One launch makes the rays and lists those that meet the mesh.  Each round then h
     evaluate    features to density and color: both networks, one fused kernel
     composite   slots to pixels; lists the rays that go on in the next round
 
-If each ray has one color, rays sum h instead of colors, and one kernel does encode, evaluate and
-composite (slot_shading.py).  If pieces have to be sorted, slot_densities.py does encode and
-evaluate, before composite.  After the rounds, three launches color all rays that have any opacity:
-means, color network, pixels.  If further rounds are needed, they are launched again after them.
+If pieces of rays with one color have to be sorted, slot_densities.py does encode and evaluate, and
+rays sum h instead of colors.
 
 If nothing overlaps, one CUDA graph has the launches of a whole image; otherwise there is a graph
 for each round.  If stages are timed, there is no graph.
@@ -37,6 +39,7 @@ import warp as wp
 
 from ...base.recorded import Recorded
 from ..rays.camera import DeviceCamera
+from ..rays.marching import empty_samples
 from ..rays.pose import Pose
 from ..shading import Shading
 from . import ray_color, slot_march, slots
@@ -88,11 +91,12 @@ class Wavefront:
         self._ray_count = 0  # of the image
         self._level_count = options.level_count
         self.device = device = pose.device
-        slot_count = max(int(SLOTS_PER_PIXEL * capacity), LEAST_SLOTS_IN_ALL)
-        slot_bytes = RAY_COLOR_BYTES if options.deferred else SAMPLE_COLOR_BYTES
-        slot_count = min(slot_count, int(MOST_BYTES / slot_bytes))
-        self._slot_count = slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        self.buffers = slots.empty_buffers(capacity, slot_count, options, shading)
+        self.buffers = slots.empty_buffers(capacity, options, shading)
+        self._traces = options.deferred and device.is_cuda
+        self._slot_count = 0
+        if not self._traces:
+            self.add_slots(options)
+        self._own = {}  # what kernels that trace write and read, by kernel
         self._painted = self.buffers.state[slots.PAINTED : slots.PAINTED + 1]
         pinned = device.is_cuda
         self._host_state = wp.zeros(slots.STATE_SIZE, dtype=int, device="cpu", pinned=pinned)
@@ -103,21 +107,32 @@ class Wavefront:
         self._whole = {}  # Recorded of all that an image takes, by its size, rounds and options
         self._needed_rounds = {}  # of each way, for the last images
 
-    def begin(self, camera: DeviceCamera, rows, options, stage):
+    def add_slots(self, options):
+        """Allocate what rounds need, unless it is there."""
+        if self._slot_count:
+            return
+        slot_count = max(int(SLOTS_PER_PIXEL * self.capacity), LEAST_SLOTS_IN_ALL)
+        slot_bytes = RAY_COLOR_BYTES if options.deferred else SAMPLE_COLOR_BYTES
+        slot_count = min(slot_count, int(MOST_BYTES / slot_bytes))
+        self._slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
+        slots.add_slots(self.buffers, self._slot_count, options, self.device)
+
+    def begin(self, camera: DeviceCamera, rows, options, stage, apart: bool = False):
         """Make the rays of an image, and list those that meet the mesh for the next round.
 
         Args:
             rows: (first, last): the rows first..last-1 of the camera's image.
+            apart: List those that search for their entries apart.
         """
         with stage("begin"):
             self._take(camera, rows, options)
-            self._launch_begin(camera.lens.width, rows)
+            self._launch_begin(camera.lens.width, rows, apart)
 
     def draw(self, camera: DeviceCamera, rows, options, stage):
         """`begin` and `start`, of whole images with as few launches as possible."""
         width, whole = camera.lens.width, (0, camera.lens.height)
         if not self.device.is_cuda or stage.seconds is not None or tuple(rows) != whole:
-            self.begin(camera, rows, options, stage)
+            self.begin(camera, rows, options, stage, apart=self._traces)
             self.start(options, stage)
             return
         self._take(camera, rows, options)
@@ -129,9 +144,12 @@ class Wavefront:
         self._whole[key] = recorded
 
         def launch():
-            self._launch_begin(width, rows)
-            for _ in range(count):
-                self._launch_round(PLAIN, options, stage)
+            self._launch_begin(width, rows, apart=self._traces)
+            if self._traces:
+                self._launch_tracing(options, stage)
+            else:
+                for _ in range(count):
+                    self._launch_round(PLAIN, options, stage)
             if self._deferred:
                 self._launch_colors(options, stage)
 
@@ -148,24 +166,27 @@ class Wavefront:
         wp.copy(self.buffers.camera, self._host_camera)
         self._pose.refresh_face_boxes()
 
-    def _launch_begin(self, width, rows):
+    def _launch_begin(self, width, rows, apart):
         self.buffers.state.zero_()
         row_count = rows[1] - rows[0]
-        inputs = [self._pose.geometry, rows[0], row_count, self.buffers]
+        inputs = [self._pose.geometry, rows[0], row_count, int(apart), self.buffers]
         self._launch(slots.begin_kernel, pixel_threads(width, row_count), inputs)
 
     def start(self, options, stage, way: Way = PLAIN, rounds: int | None = None):
-        """Launch rounds from the rays in the list, by default as many as an image likely needs.
+        """Launch what fills `color` and `depth` of the buffers for the rays in the list.
 
-        They fill `color` and `depth` of the buffers.
+        Of rounds, by default as many as an image likely needs.
         """
-        for _ in range(rounds or self._likely_rounds(way)):
-            self._round(way, options, stage)
+        if way is PLAIN and self._traces:
+            self._launch_tracing(options, stage)
+        else:
+            for _ in range(rounds or self._likely_rounds(way)):
+                self._round(way, options, stage)
         if self._deferred:
             self._launch_colors(options, stage)
 
     def finish(self, options, stage, way: Way = PLAIN) -> tuple[int, int, bool]:
-        """Wait for the rounds of `start`, and launch others until no ray is listed.
+        """Wait for what `start` launched, and launch other rounds until no ray is listed.
 
         Returns:
             The numbers of samples and of crowded rays, and whether other rounds were launched.
@@ -176,6 +197,8 @@ class Wavefront:
             if self.device.is_cuda:
                 wp.synchronize_stream(wp.get_stream(self.device))
             state = self._host_state.numpy()
+            if way is PLAIN and self._traces:
+                return int(state[slots.SAMPLES]), 0, False
             if state[slots.NEXT_LISTED] == 0:
                 break
             rounds = min(max(2, rounds // 2), MOST_MORE_ROUNDS)
@@ -212,10 +235,6 @@ class Wavefront:
             self._launch(way.march, len(buffers.counts), [*inputs, *way.more])
             self._join()
         used_level_count = options.level_count or self._level_count
-        if way is PLAIN and self._deferred and self.device.is_cuda:
-            with stage("networks"):
-                self._launch_shading(used_level_count, options.termination)
-            return
         if self._deferred and self.device.is_cuda:
             with stage("networks"):
                 self._launch_densities(used_level_count)
@@ -247,13 +266,24 @@ class Wavefront:
         inputs += [*self._networks.density, threads, self.buffers]
         self._launch(slot_densities_kernel, threads, inputs)
 
-    def _launch_shading(self, used_level_count, stop):
-        from .slot_shading import BLOCKS_PER_PROCESSOR, shade_slots_kernel  # CUDA alone
+    def _launch_tracing(self, options, stage):
+        from . import tracing  # CUDA alone
 
-        threads = self.device.sm_count * BLOCKS_PER_PROCESSOR * slots.BLOCK_SIZE
-        inputs = [self._tables, self._table, self._nodes, used_level_count]
-        inputs += [*self._networks.density, stop, self.buffers]
-        self._launch(shade_slots_kernel, threads, inputs)
+        head = [self._pose.geometry, self._tables, self._table, self._nodes]
+        head += [options.level_count or self._level_count, *self._networks.density]
+        head.append(options.termination)
+
+        def launch(kernel, blocks):
+            threads = self.device.sm_count * blocks * slots.BLOCK_SIZE
+            if kernel not in self._own:
+                self._own[kernel] = empty_samples(threads * int(tracing.SLOTS), self.device)
+            self._launch(kernel, threads, [*head, self._own[kernel], threads, self.buffers])
+
+        with stage("trace"):
+            with self._side_by_side():
+                launch(tracing.trace_searching_kernel, tracing.SEARCH_BLOCKS)
+            launch(tracing.trace_kernel, tracing.BLOCKS_PER_PROCESSOR)
+            self._join()
 
     def _launch_networks(self, used_level_count, stage):
         buffers, level_count = self.buffers, self._level_count

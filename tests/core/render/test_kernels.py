@@ -20,7 +20,7 @@ from deformrf.core.render import (
     render_mode,
 )
 from deformrf.core.render import deferred as deferred_module
-from deformrf.core.render.rounds import ray_color, slot_densities, slot_shading
+from deformrf.core.render.rounds import ray_color, slot_densities, tracing
 from deformrf.wings.rig import Skinner
 
 TET = np.array([[-0.3, -0.3, 0.2], [0.3, -0.3, 0.2], [0.0, 0.4, 0.2], [0, 0, 0.7]])
@@ -53,7 +53,7 @@ def test_the_modules_are_those_that_rendering_loads(make_ball_field, device, mon
         upsampling.upsampled(image, renderer, camera, (1.0, 1.0, 1.0), None, None)
     expected = set(kernel_modules(device))
     if not deferred:  # as models of this version are
-        alone = ray_color, deferred_module, slot_densities, slot_shading
+        alone = ray_color, deferred_module, slot_densities, tracing
         expected -= {module.__name__ for module in alone}
     assert {name for name in loaded if name.startswith("deformrf.")} == expected
 
