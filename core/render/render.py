@@ -2,7 +2,7 @@
 
 A ray takes one of three paths:
 
-    rounds/wavefront.py    default mode on CUDA: rounds that the host does not wait for
+    rounds/wavefront.py    default mode on CUDA: one launch for all rays, or rounds without a host
     rounds/host.py         everything else: rounds of march, shade, accumulate
     overlap/               tangled rays, through places where the mesh overlaps itself:
                            windows.py on a CPU, window_slots.py in a wavefront, else merging.py

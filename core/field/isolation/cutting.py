@@ -72,20 +72,22 @@ def near_minimum_cut(
     """The same in a fraction of the time, of nodes that come in groups; not always the least.
 
     First the nodes of a group go together, of the largest groups.  Then what the groups at the
-    border of what is kept consist of goes by itself: smaller groups, at last single nodes, those
-    ROUNDS times, because the border moves (Lombaert et al. 2005, banded graph cuts).
+    border of what is kept consist of goes by itself: smaller groups, at last the single nodes of
+    the smallest ones, ROUNDS times, because the border moves (Lombaert et al. 2005, banded graph
+    cuts).
 
     Args:
         groups: The group of each node [N] int, of large groups, then of smaller ones within these.
     """
     a, b = pairs.T
-    sides = held
-    for group in (*groups, *[np.arange(len(held))] * ROUNDS):
+    sides, single = held, np.arange(len(held))
+    steps = [*zip(groups, groups, strict=True), *[(single, groups[-1])] * ROUNDS]
+    for group, next_free in steps:
         kept = cut_by_groups(pulls, pairs, ties, sides, group)
-        at_border = np.zeros(group.max(initial=-1) + 1, bool)
+        at_border = np.zeros(next_free.max(initial=-1) + 1, bool)
         parted = kept[a] != kept[b]
-        at_border[group[a[parted]]] = at_border[group[b[parted]]] = True
-        sides = np.where(at_border[group] & (held == 0), 0, np.where(kept, 1, -1))
+        at_border[next_free[a[parted]]] = at_border[next_free[b[parted]]] = True
+        sides = np.where(at_border[next_free] & (held == 0), 0, np.where(kept, 1, -1))
     return kept
 
 

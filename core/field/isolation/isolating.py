@@ -233,12 +233,12 @@ def at_narrowest_neck(scene: Isolation, place, ours, named) -> Isolated:
         ours: What they hold.  [N] bool
         named: Of each draw, its parts that go, and those that may: see what_goes.
     """
-    results, tried = [], []
+    results, found = [], []
     for goes, _ in named:
         shells = [part.shell(scene.matter) for part in goes]
-        if any(all_alike(shells, others) and all_alike(others, shells) for others in tried):
-            continue  # another draw has found the same
-        tried.append(shells)
+        if any(all_alike(shells, others) and all_alike(others, shells) for others in found):
+            continue  # another draw has found nearly the same
+        found.append(shells)
         kept = without_surroundings(scene, place, ours, goes)
         results.append(Isolated(kept, tuple(goes)))
     necks = [neck_of(scene, result.kept) for result in results]

@@ -54,7 +54,7 @@ class SubtetGraph:
 
     @cached_property
     def groups(self) -> tuple[np.ndarray, ...]:
-        """A number for each, the same in all of a tet, then of a child but if children are taken.
+        """A number for each, the same in all of a tet; then, unless nodes are children, of a child.
 
         [N] int each
         """
@@ -209,4 +209,4 @@ def touching(nodes: np.ndarray, corners: np.ndarray):
     a, b, c = np.moveaxis(corners[one[:, None], rest], 1, 0)
     areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     mean = areas.mean() if len(areas) else 1.0
-    return np.stack([one, neighbours[one, face]]).T, areas / mean  # columns lie in a row
+    return np.stack([one, neighbours[one, face]]).T, areas / mean  # cuts read column by column

@@ -5,8 +5,8 @@ finds all entries of a ray in one pass through a BVH of the boundary's faces.  O
 `find_entries`: with a search for each entry, a warp takes as long as its ray with the most
 searches. `enter_mesh` serves the rays that have more entries than a list holds, that meet an edge
 of the boundary, or whose entries and exits do not pair up, as when they start inside.  It takes
-many registers, so rounds/slot_march.py runs most rays in a kernel without it: then a GPU can run
-more rays at once.
+many registers, so rounds/tracing.py and slot_march.py run most rays in a kernel without it: then a
+GPU can run more rays at once.
 
 Shapes: R rays, B boundary faces.
 """

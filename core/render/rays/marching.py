@@ -8,7 +8,8 @@ A round of marching gives each ray at most K pieces.  A ray that is not finished
 state and goes on in the next round.  The samples are written to arrays in one of three ways:
 
     slots [R, K], then pack_kernel removes the gaps    rounds that the host waits for; K is small
-    slots without packing                              the wavefront on CUDA
+    slots without packing                              the wavefront on CUDA; in tracing.py a
+                                                       few of each thread, again and again
     count, then march again and write                  training/run/batch.py: one round with a
                                                        large K; slots would take a gigabyte
 

@@ -19,7 +19,7 @@ SMALLEST_ADVANCE = wp.constant(2.4e-7)
 # more; there pieces begin at t, where those of the tet before have ended.
 ENTRY_SLACK = wp.constant(5.0e-7)  # relative to t
 FADED = wp.constant(1.0)  # a tet with a smaller fade s is so flat that it is not fully there
-MAX_TETS = wp.constant(4096)  # per ray and round; a longer walk goes in circles
+MAX_TETS = wp.constant(4096)  # of a ray in one march; a longer walk goes in circles
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 4})
 

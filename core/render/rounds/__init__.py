@@ -1,1 +1,1 @@
-"""Rounds of march, shade and composite until no ray is left."""
+"""March, shade and composite until no ray is left: in rounds, or in one kernel (tracing.py)."""

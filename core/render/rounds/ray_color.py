@@ -1,4 +1,4 @@
-"""One color a ray, in the wavefront: slots are added to a ray's sums; ended rays get their colors.
+"""One color a ray, in the wavefront: samples are added to a ray's sums; ended rays get colors.
 
 ../deferred.py does the same for rounds that the host waits for.  While a ray has no opacity, its
 sums are not initialized, and must not be read.

@@ -43,6 +43,7 @@ NEXT_RAY = wp.constant(13)  # of those that are listed
 SEARCHING = wp.constant(14)  # rays that search, listed apart
 NEXT_SEARCHING = wp.constant(15)  # of these
 STATE_SIZE = 16
+LISTED_APART = wp.constant(0)  # the list that is read, so free: PARITY is 0 before the first round
 MANY_STUCK = wp.constant(40)  # one in so many rays
 BLOCK_SIZE = 128  # threads; in larger blocks more of them wait for the longest ray
 
@@ -62,6 +63,7 @@ class Buffers:
     pixels: Pixels  # [R]
     state: wp.array(dtype=int)  # [STATE_SIZE]
     lists: wp.array2d(dtype=int)  # [2, R]
+    # What rounds need, empty before add_slots; so are basis, h and weights:
     slots: Samples  # [S]
     counts: wp.array(dtype=int)  # [S / LEAST_SLOTS] samples of each listed ray
     features: wp.array(dtype=vec4h)  # [S · L], unless a kernel finds and uses them at once
@@ -170,7 +172,7 @@ def begin_kernel(geometry: Geometry, first_row: int, row_count: int, apart: int,
     buffers.pixels.color[ray] = wp.vec3()
     buffers.pixels.depth[ray] = 0.0
     if apart != 0 and found == UNKNOWN:
-        buffers.lists[0, claim(buffers.state, SEARCHING)] = ray
+        buffers.lists[LISTED_APART, claim(buffers.state, SEARCHING)] = ray
     else:
         list_ray(buffers, ray)
 
@@ -286,18 +288,25 @@ def composite_slots(stop: float, buffers: Buffers, i: int, ray: int):
 def keep_or_finish(
     stop: float, buffers: Buffers, ray: int, transmittance: float, color: wp.vec3, total_t: float
 ):
-    """List a ray for the next round, or write its pixel: `resolve_kernel`, with closing = 1."""
-    pixels = buffers.pixels
+    """List a ray for the next round, or end it."""
     if transmittance >= stop and buffers.rays.tet[ray] > -2:
-        pixels.transmittance[ray] = transmittance
-        pixels.color[ray] = color
-        pixels.depth[ray] = total_t
+        buffers.pixels.transmittance[ray] = transmittance
+        buffers.pixels.color[ray] = color
+        buffers.pixels.depth[ray] = total_t
         list_ray(buffers, ray)
-        return
+    else:
+        end_ray(stop, buffers, ray, transmittance, color, total_t)
+
+
+@wp.func
+def end_ray(
+    stop: float, buffers: Buffers, ray: int, transmittance: float, color: wp.vec3, total_t: float
+):
+    """Write the pixel of a ray: `resolve_kernel`, with closing = 1."""
     opacity = 1.0 - transmittance
     depth = total_t / wp.max(opacity, 1.0e-6)
     if has_ray_colors(buffers) and opacity > 0.0:  # it is painted when all rays have ended
-        pixels.transmittance[ray] = transmittance
+        buffers.pixels.transmittance[ray] = transmittance
         buffers.depth[ray] = wp.where(transmittance > 0.5 and transmittance >= stop, wp.inf, depth)
         return
     c = color

@@ -4,8 +4,8 @@ A warp has 32 rays of the list.  They march until each has SLOTS samples.  Then 
 samples, front to back, through encoding and density network, and adds them up, until all rays are
 opaque or out of samples; and they march again.  Rays that end leave their place to the next ones
 of the list.  While some warps of a multiprocessor wait for the mesh, others wait for the table,
-which takes less time than a march of all rays and then a network for all samples.  Nothing but a
-warp's own few samples is written to memory.
+which takes less time than a march of all rays and then a network for all samples.  Of samples,
+nothing is written but a warp's own few.
 
 Rays that search for their entries are listed apart, and another kernel traces them at the same
 time: the search takes registers, and one such ray takes as long as many others.
@@ -33,18 +33,22 @@ from .ray_color import Sums, rest_direction, store_sums
 from .slot_densities import put_levels
 from .slots import (
     BLOCK_SIZE,
+    LISTED_APART,
     NEXT_LISTED,
     NEXT_RAY,
     NEXT_SEARCHING,
     SAMPLES,
     SEARCHING,
     Buffers,
-    keep_or_finish,
+    end_ray,
 )
 
 BLOCKS_PER_PROCESSOR, SEARCH_BLOCKS = 4, 3  # the registers suffice for no more
 SLOTS = wp.constant(8)  # of a ray
-FEWEST = wp.constant(24)  # rays of a warp: with fewer, it takes others
+FEWEST_RAYS = wp.constant(24)  # of a warp: with fewer, it takes others
+# Of a ray, 2048 samples: as in training.  Among inverted tets a walk may go in circles, in poses
+# that are not known to overlap yet.
+MOST_MARCHES = wp.constant(256)
 
 wp.set_module_options(
     {"enable_backward": False, "max_unroll": 2, "fast_math": True, "block_dim": BLOCK_SIZE}
@@ -79,22 +83,25 @@ def trace(
     transmittance = float(1.0)
     total_t = float(0.0)
     sample_count = int(0)
+    march_count = int(0)
     s = Sums()
     turned = wp.vec3()  # in the last sample's tet
     last_tet = int(-1)
     working = bool(True)
     while working:
-        if count_of_warp(ray >= 0) < FEWEST and waiting and ray < 0:
+        few = count_of_warp(ray >= 0) < FEWEST_RAYS
+        if few and waiting and ray < 0:
             if searches:
                 i = claim(state, NEXT_SEARCHING)
             else:
                 i = claim(state, NEXT_RAY)
             if i < ray_count:
-                ray = buffers.lists[wp.where(searches, 0, 1), i]
+                ray = buffers.lists[wp.where(searches, LISTED_APART, 1 - LISTED_APART), i]
                 direction = buffers.rays.directions[ray]
                 transmittance = 1.0
                 total_t = 0.0
                 sample_count = 0
+                march_count = 0
                 s.a = wp.vec4()
                 s.b = wp.vec4()
                 s.c = wp.vec4()
@@ -108,6 +115,7 @@ def trace(
             count = march_ray(
                 geometry, buffers.rays, ray, own, first, thread_count, SLOTS, searches=searches
             )
+            march_count += 1
         n = int(first)
         last = first + count * thread_count
         going = n < last
@@ -137,11 +145,12 @@ def trace(
                 sample_count += 1
                 n += thread_count
                 going = n < last and transmittance >= stop
-        if ray >= 0 and (count < SLOTS or transmittance < stop):
+        goes_on = count == SLOTS and transmittance >= stop and march_count < MOST_MARCHES
+        if ray >= 0 and not goes_on:
             if sample_count > 0:
                 store_sums(s, True, ray, buffers.sums)
             add_up(state, SAMPLES, sample_count)
-            keep_or_finish(stop, buffers, ray, transmittance, wp.vec3(), total_t)
+            end_ray(stop, buffers, ray, transmittance, wp.vec3(), total_t)
             ray = -1
         working = any_of_warp(ray >= 0 or waiting)
 

@@ -81,7 +81,7 @@ class Wavefront:
     """Renders images of up to `capacity` pixels in default mode into its `buffers`."""
 
     def __init__(self, pose: Pose, shading: Shading, options, capacity: int):
-        """Allocate everything; `options` are the field's."""
+        """`options` are the field's; what only rounds need is allocated by `add_slots`."""
         self.capacity = capacity
         self._pose = pose
         self._tables, self._networks = shading.tables, shading.in_place
@@ -114,29 +114,29 @@ class Wavefront:
         slot_count = max(int(SLOTS_PER_PIXEL * self.capacity), LEAST_SLOTS_IN_ALL)
         slot_bytes = RAY_COLOR_BYTES if options.deferred else SAMPLE_COLOR_BYTES
         slot_count = min(slot_count, int(MOST_BYTES / slot_bytes))
-        self._slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
-        slots.add_slots(self.buffers, self._slot_count, options, self.device)
+        slot_count = -(-slot_count // SLOT_MULTIPLE) * SLOT_MULTIPLE
+        slots.add_slots(self.buffers, slot_count, options, self.device)
+        self._slot_count = slot_count
 
-    def begin(self, camera: DeviceCamera, rows, options, stage, apart: bool = False):
+    def begin(self, camera: DeviceCamera, rows, options, stage):
         """Make the rays of an image, and list those that meet the mesh for the next round.
 
         Args:
             rows: (first, last): the rows first..last-1 of the camera's image.
-            apart: List those that search for their entries apart.
         """
         with stage("begin"):
             self._take(camera, rows, options)
-            self._launch_begin(camera.lens.width, rows, apart)
+            self._launch_begin(camera.lens.width, rows)
 
     def draw(self, camera: DeviceCamera, rows, options, stage):
         """`begin` and `start`, of whole images with as few launches as possible."""
         width, whole = camera.lens.width, (0, camera.lens.height)
         if not self.device.is_cuda or stage.seconds is not None or tuple(rows) != whole:
-            self.begin(camera, rows, options, stage, apart=self._traces)
+            self.begin(camera, rows, options, stage)
             self.start(options, stage)
             return
         self._take(camera, rows, options)
-        count = self._likely_rounds(PLAIN)
+        count = 0 if self._traces else self._likely_rounds(PLAIN)
         key = count, width, whole, options.step_factor, options.termination, options.level_count
         recorded = self._whole.pop(key, None) or Recorded(self.device)
         if len(self._whole) == MOST_GRAPHS:
@@ -144,7 +144,7 @@ class Wavefront:
         self._whole[key] = recorded
 
         def launch():
-            self._launch_begin(width, rows, apart=self._traces)
+            self._launch_begin(width, rows)
             if self._traces:
                 self._launch_tracing(options, stage)
             else:
@@ -166,10 +166,10 @@ class Wavefront:
         wp.copy(self.buffers.camera, self._host_camera)
         self._pose.refresh_face_boxes()
 
-    def _launch_begin(self, width, rows, apart):
+    def _launch_begin(self, width, rows):
         self.buffers.state.zero_()
         row_count = rows[1] - rows[0]
-        inputs = [self._pose.geometry, rows[0], row_count, int(apart), self.buffers]
+        inputs = [self._pose.geometry, rows[0], row_count, int(self._traces), self.buffers]
         self._launch(slots.begin_kernel, pixel_threads(width, row_count), inputs)
 
     def start(self, options, stage, way: Way = PLAIN, rounds: int | None = None):
@@ -235,7 +235,7 @@ class Wavefront:
             self._launch(way.march, len(buffers.counts), [*inputs, *way.more])
             self._join()
         used_level_count = options.level_count or self._level_count
-        if self._deferred and self.device.is_cuda:
+        if self._traces:
             with stage("networks"):
                 self._launch_densities(used_level_count)
         else:

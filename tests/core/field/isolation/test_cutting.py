@@ -100,6 +100,22 @@ def test_each_round_at_the_border_makes_a_cut_cheaper(monkeypatch):
     assert sums[0] > 1.01 * sums[1] and sums[1] >= sums[2] - 1e-9
 
 
+def test_a_border_moves_by_more_than_a_group():
+    """A cut by groups lies at one side of a neck; nodes of groups beyond the border go, too."""
+    count = 24
+    pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+    ties = np.full(count - 1, 1.0)
+    ties[3], ties[9] = 0.5, 0.2  # between groups of four; within one, two groups on
+    held = np.zeros(count, int)
+    held[0], held[-1] = 1, -1
+    pulls = np.zeros(count)
+    kept = near_minimum_cut(pulls, pairs, ties, held, [np.arange(count) // 4])
+    np.testing.assert_array_equal(kept, np.arange(count) <= 3)  # farther than a border moves
+    ties[9], ties[6] = 1.0, 0.2  # within the next group
+    kept = near_minimum_cut(pulls, pairs, ties, held, [np.arange(count) // 4])
+    np.testing.assert_array_equal(kept, np.arange(count) <= 6)
+
+
 def test_a_cut_by_groups_moves_to_a_neck_within_a_group():
     pairs, pulls, ties, held, groups = chains(np.random.default_rng())
     ties[((pairs % 40 > 13) & (pairs % 40 < 21)).all(axis=1)] *= 0.5  # a group has 15 to 19

@@ -15,6 +15,7 @@ from deformrf.core.field import (
     left_out_in_words,
     without_flats,
 )
+from deformrf.core.field.isolation import isolating
 from deformrf.core.field.isolation.isolating import box_of, isolation_of_graph, joined_to
 from deformrf.core.geometry import Plane
 
@@ -123,6 +124,21 @@ def test_of_lucky_and_unlucky_flat_parts_those_with_the_least_neck_count():
     ]
     kept = [scene.weights[result.kept].sum() for result in results]
     assert kept[1] < 0.7 * kept[0] and kept[2] == kept[3] == kept[0]
+
+
+def test_draws_that_find_the_same_count_once(monkeypatch):
+    floor, toy = slab((0, 0, 0), (1, 1, WALL)), ball((0.5, 0.5, 0.33), 0.27, WALL)
+    scene = scene_of(any_of(floor, toy), box=CUBE, spacing=0.05)
+    found, calls = next(draw for draw in scene.draws if draw), []
+    parted = isolating.without_surroundings
+    monkeypatch.setattr(isolating, "without_surroundings", lambda *a: calls.append(a) or parted(*a))
+    click = [stroke((0.5, 0.23, 0.5))]
+    once = isolated(replace(scene, draws=[found], last={}), click)
+    twice = isolated(replace(scene, draws=[found, list(found)], last={}), click)
+    assert len(calls) == 2
+    np.testing.assert_array_equal(once.kept, twice.kept)
+    isolated(replace(scene, draws=[found, []], last={}), click)
+    assert len(calls) == 4
 
 
 def test_a_click_on_the_floor_keeps_the_floor():

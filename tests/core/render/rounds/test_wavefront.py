@@ -55,6 +55,49 @@ def test_both_paths_make_the_same_image(make_ball_field, device, monkeypatch, sl
         )
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_more_rays_than_threads_make_the_same_image(make_ball_field, device, monkeypatch, inside):
+    """Threads take other rays when theirs have ended; from inside all of them search."""
+    from deformrf.core.render.rounds import tracing
+
+    monkeypatch.setattr(tracing, "BLOCKS_PER_PROCESSOR", 1)
+    monkeypatch.setattr(tracing, "SEARCH_BLOCKS", 1)
+    renderer = in_slots(Renderer(make_ball_field(3), device))
+    size = 400 if renderer.device.is_cuda else 40
+    camera = view(size, size)
+    if inside:
+        camera = from_field_of_view(look_at((0.52, 0.47, 0.5), (0.9, 0.4, 0.5)), 1.2, size, size)
+    assert_alike(
+        renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, HOST_ROUNDS)
+    )
+
+
+def test_what_rounds_need_is_allocated_for_the_first_fold(make_ball_field, device):
+    field = make_ball_field(6)
+    renderer = in_slots(Renderer(field, device))
+    camera, rest = view(), field.mesh.rest_vertices
+    renderer.render(camera)
+    if field.options.deferred and renderer.device.is_cuda:
+        assert not renderer._wavefront.buffers.sigma
+    folded = rest.copy()
+    folded[0] += 1.0
+    renderer.set_vertices(folded)
+    for _ in range(2):  # the second time it is expected
+        assert_alike(renderer.render(camera), renderer.render(camera, RenderOptions(path="host")))
+    assert len(renderer._wavefront.buffers.sigma)
+    renderer.set_vertices(rest)
+    assert_alike(renderer.render(camera), renderer.render(camera, RenderOptions(path="host")))
+
+
+def test_timed_stages_make_the_same_image(make_ball_field, device):
+    renderer = in_slots(Renderer(make_ball_field(1), device))
+    camera = view()
+    image = renderer.render(camera).color_array()
+    renderer.stage.seconds = {}
+    np.testing.assert_array_equal(renderer.render(camera).color_array(), image)
+    assert {"begin", "networks"} <= set(renderer.stage.seconds)
+
+
 def test_rays_that_search_for_their_entries_are_seen(make_ball_field, device):
     """Those that begin inside of the mesh: a kernel of their own lets them march."""
     renderer = in_slots(Renderer(make_ball_field(5), device))
@@ -146,7 +189,7 @@ def test_each_step_has_its_own_graph(make_ball_field, device):
 
 
 def test_features_of_unused_levels_are_zero(make_ball_field, device):
-    """Slots still hold the features of the last image."""
+    """Slots, or shared memory, still hold the features of the last image."""
     renderer = in_slots(
         Renderer(make_ball_field(int(np.random.default_rng().integers(1000))), device)
     )
