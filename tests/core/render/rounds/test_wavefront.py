@@ -8,8 +8,9 @@ import pytest
 import warp as wp
 from slot_rendering import assert_alike, in_slots
 
+from deformrf.core.base.paths import DEFAULT_MODEL
 from deformrf.core.base.wide import vec4h
-from deformrf.core.field import node_table
+from deformrf.core.field import modelfile, node_table
 from deformrf.core.render import (
     Camera,
     Lens,
@@ -18,8 +19,10 @@ from deformrf.core.render import (
     from_field_of_view,
     look_at,
 )
+from deformrf.core.render.rays.camera import device_camera
 from deformrf.core.render.rays.entries import UNKNOWN
-from deformrf.core.render.rounds import slots, wavefront
+from deformrf.core.render.rays.marching import empty_samples
+from deformrf.core.render.rounds import slots, tracing, wavefront
 
 
 @pytest.fixture(params=[False, True], ids=["color a sample", "color a ray"])
@@ -58,8 +61,6 @@ def test_both_paths_make_the_same_image(make_ball_field, device, monkeypatch, sl
 @pytest.mark.parametrize("inside", [False, True])
 def test_more_rays_than_threads_make_the_same_image(make_ball_field, device, monkeypatch, inside):
     """Threads take other rays when theirs have ended; from inside all of them search."""
-    from deformrf.core.render.rounds import tracing
-
     monkeypatch.setattr(tracing, "BLOCKS_PER_PROCESSOR", 1)
     monkeypatch.setattr(tracing, "SEARCH_BLOCKS", 1)
     renderer = in_slots(Renderer(make_ball_field(3), device))
@@ -70,6 +71,29 @@ def test_more_rays_than_threads_make_the_same_image(make_ball_field, device, mon
     assert_alike(
         renderer.render(camera, RenderOptions(BACKGROUND)), renderer.render(camera, HOST_ROUNDS)
     )
+
+
+@pytest.mark.parametrize("eye", [(1.4, 0.3, 0.9), (0.52, 0.48, 0.5)])
+def test_traced_rays_have_the_samples_of_the_rounds(eye):
+    """On a CPU, where nothing is dense for `trace`, so that rays end at the last sample."""
+    renderer = Renderer(modelfile.load(DEFAULT_MODEL), "cpu")
+    camera = from_field_of_view(look_at(eye, (0.5, 0.5, 0.5)), 0.6, 24, 24)
+    field, every = renderer.field, RenderOptions(termination=0.0, path="host", details=True)
+    room = wavefront.Wavefront(renderer.pose, renderer.shading, field.options, 24 * 24)
+    room._traces = True
+    room.begin(device_camera(camera), (0, 24), every, renderer.stage)
+    lists = room.buffers.state.numpy()[[slots.NEXT_LISTED, slots.SEARCHING]]
+    thread_count = 128
+    own = empty_samples(thread_count * int(tracing.SLOTS), "cpu")
+    empty = [wp.zeros(1, dtype=vec4h, device="cpu"), wp.zeros(1, dtype=float, device="cpu")]
+    inputs = [renderer.pose.geometry, renderer.shading.tables, empty[0], empty[0], 0, *empty]
+    inputs += [0.5, own, thread_count, room.buffers]
+    for kernel in (tracing.trace_kernel, tracing.trace_searching_kernel):
+        wp.launch(kernel, thread_count, inputs, device="cpu", block_dim=slots.BLOCK_SIZE)
+    state = room.buffers.state.numpy()
+    assert lists.max() > thread_count  # threads take rays again and again
+    assert state[slots.SAMPLES] == renderer.render(camera, every).sample_count > 1000
+    assert (state[[slots.NEXT_RAY, slots.NEXT_SEARCHING]] >= lists).all()
 
 
 def test_what_rounds_need_is_allocated_for_the_first_fold(make_ball_field, device):
