@@ -16,12 +16,12 @@ from deformrf.core.render import (
     Lens,
     Renderer,
     RenderOptions,
+    device_camera,
+    empty_samples,
     from_field_of_view,
     look_at,
 )
-from deformrf.core.render.rays.camera import device_camera
 from deformrf.core.render.rays.entries import UNKNOWN
-from deformrf.core.render.rays.marching import empty_samples
 from deformrf.core.render.rounds import slots, tracing, wavefront
 
 
