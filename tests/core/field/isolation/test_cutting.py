@@ -1,6 +1,6 @@
 """The minimum cut, against all labellings of small graphs, and what it promises."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -100,20 +100,22 @@ def test_each_round_at_the_border_makes_a_cut_cheaper(monkeypatch):
     assert sums[0] > 1.01 * sums[1] and sums[1] >= sums[2] - 1e-9
 
 
-def test_a_border_moves_by_more_than_a_group():
-    """A cut by groups lies at one side of a neck; nodes of groups beyond the border go, too."""
-    count = 24
-    pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
-    ties = np.full(count - 1, 1.0)
-    ties[3], ties[9] = 0.5, 0.2  # between groups of four; within one, two groups on
-    held = np.zeros(count, int)
-    held[0], held[-1] = 1, -1
-    pulls = np.zeros(count)
-    kept = near_minimum_cut(pulls, pairs, ties, held, [np.arange(count) // 4])
-    np.testing.assert_array_equal(kept, np.arange(count) <= 3)  # farther than a border moves
-    ties[9], ties[6] = 1.0, 0.2  # within the next group
-    kept = near_minimum_cut(pulls, pairs, ties, held, [np.arange(count) // 4])
-    np.testing.assert_array_equal(kept, np.arange(count) <= 6)
+def test_each_round_frees_whole_groups_at_the_border(monkeypatch):
+    """So that the border can move by a group in each, not by a node."""
+    pairs, pulls, ties, held, groups = chains(np.random.default_rng())
+    by_groups, steps = cutting.cut_by_groups, []
+
+    def noted(pulls, pairs, ties, sides, group):
+        steps.append((sides, by_groups(pulls, pairs, ties, sides, group)))
+        return steps[-1][1]
+
+    monkeypatch.setattr(cutting, "cut_by_groups", noted)
+    near_minimum_cut(pulls, pairs, ties, held, [groups])
+    assert len(steps) == 1 + cutting.ROUNDS
+    for (_, before), (sides, _) in pairwise(steps):
+        a, b = pairs[before[pairs[:, 0]] != before[pairs[:, 1]]].T
+        at_border = np.isin(groups, np.concatenate([groups[a], groups[b]]))
+        np.testing.assert_array_equal(sides == 0, at_border & (held == 0))
 
 
 def test_a_cut_by_groups_moves_to_a_neck_within_a_group():
