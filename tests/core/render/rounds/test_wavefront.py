@@ -106,11 +106,14 @@ def test_what_rounds_need_is_allocated_for_the_first_fold(make_ball_field, devic
     folded = rest.copy()
     folded[0] += 1.0
     renderer.set_vertices(folded)
+    # merging.py ends no ray early, and what is left of the light goes far: depths would differ.
+    options = RenderOptions(termination=1e-4)
+    by_host = replace(options, path="host")
     for _ in range(2):  # the second time it is expected
-        assert_alike(renderer.render(camera), renderer.render(camera, RenderOptions(path="host")))
+        assert_alike(renderer.render(camera, options), renderer.render(camera, by_host))
     assert len(renderer._wavefront.buffers.sigma)
     renderer.set_vertices(rest)
-    assert_alike(renderer.render(camera), renderer.render(camera, RenderOptions(path="host")))
+    assert_alike(renderer.render(camera, options), renderer.render(camera, by_host))
 
 
 def test_timed_stages_make_the_same_image(make_ball_field, device):
