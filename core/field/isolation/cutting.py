@@ -79,32 +79,36 @@ def near_minimum_cut(
     Args:
         groups: The group of each node [N] int, of large groups, then of smaller ones within these.
     """
-    a, b = pairs.T
     sides, single = held, np.arange(len(held))
     steps = [*zip(groups, groups, strict=True), *[(single, groups[-1])] * ROUNDS]
     for group, next_free in steps:
-        kept = cut_by_groups(pulls, pairs, ties, sides, group)
+        kept, parted = cut_by_groups(pulls, pairs, ties, sides, group)
         at_border = np.zeros(next_free.max(initial=-1) + 1, bool)
-        parted = kept[a] != kept[b]
-        at_border[next_free[a[parted]]] = at_border[next_free[b[parted]]] = True
+        at_border[next_free[pairs[parted]]] = True
         sides = np.where(at_border[next_free] & (held == 0), 0, np.where(kept, 1, -1))
     return kept
 
 
-def cut_by_groups(pulls, pairs, ties, held, group) -> np.ndarray:
-    """The same where what is free of a group goes together; group: that of each node.  [N] bool"""
+def cut_by_groups(pulls, pairs, ties, held, group) -> tuple[np.ndarray, np.ndarray]:
+    """The same where what is free of a group goes together.
+
+    Returns:
+        Which nodes are kept [N] bool, and which pairs that parts, ids.
+    """
     free = held == 0
-    a, b = pairs.T
-    open_ = np.flatnonzero(free[a] | free[b])
     own = group[free]
     some = np.zeros(group.max(initial=-1) + 1, bool)
     some[own] = True
-    numbers = np.cumsum(some) - 1
+    numbers = np.cumsum(some, dtype=np.int32) - 1
     count = int(some.sum())
-    ids = np.where(held > 0, count, count + 1)  # all that is held on one side is one node
+    # All that is held on one side is one node.
+    ids = np.where(held > 0, np.int32(count), np.int32(count + 1))
     ids[free] = own = numbers[own]
-    coarse = ids[np.stack([a[open_], b[open_]])].T
+    one, other = (ids[column] for column in pairs.T)
+    between = np.flatnonzero(one != other)  # few, which is what saves time
+    coarse = np.stack([one[between], other[between]]).T
     coarse_held = np.zeros(count + 2, int)
     coarse_held[count:] = 1, -1
     sums = np.bincount(own, pulls[free], count + 2)
-    return minimum_cut(sums, coarse, ties[open_], coarse_held)[ids]
+    kept = minimum_cut(sums, coarse, ties[between], coarse_held)
+    return kept[ids], between[kept[coarse[:, 0]] != kept[coarse[:, 1]]]

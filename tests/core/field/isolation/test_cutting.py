@@ -112,8 +112,10 @@ def test_each_round_frees_whole_groups_at_the_border(monkeypatch):
     monkeypatch.setattr(cutting, "cut_by_groups", noted)
     near_minimum_cut(pulls, pairs, ties, held, [groups])
     assert len(steps) == 1 + cutting.ROUNDS
-    for (_, before), (sides, _) in pairwise(steps):
-        a, b = pairs[before[pairs[:, 0]] != before[pairs[:, 1]]].T
+    for (_, (before, parted)), (sides, _) in pairwise(steps):
+        a, b = pairs[parted].T
+        differ = before[pairs[:, 0]] != before[pairs[:, 1]]
+        np.testing.assert_array_equal(parted, np.flatnonzero(differ))
         at_border = np.isin(groups, np.concatenate([groups[a], groups[b]]))
         np.testing.assert_array_equal(sides == 0, at_border & (held == 0))
 
