@@ -90,10 +90,13 @@ def near_minimum_cut(
 
 
 def cut_by_groups(pulls, pairs, ties, held, group) -> tuple[np.ndarray, np.ndarray]:
-    """The same where what is free of a group goes together.
+    """The same where the free nodes of a group go together.
+
+    Args:
+        group: The group of each node.  [N] int
 
     Returns:
-        Which nodes are kept [N] bool, and which pairs that parts, ids.
+        Which nodes are kept [N] bool, and the ids of the pairs that this parts.
     """
     free = held == 0
     own = group[free]
@@ -105,7 +108,7 @@ def cut_by_groups(pulls, pairs, ties, held, group) -> tuple[np.ndarray, np.ndarr
     ids = np.where(held > 0, np.int32(count), np.int32(count + 1))
     ids[free] = own = numbers[own]
     one, other = (ids[column] for column in pairs.T)
-    between = np.flatnonzero(one != other)  # few, which is what saves time
+    between = np.flatnonzero(one != other)  # most pairs lie within a group, and cost nothing
     coarse = np.stack([one[between], other[between]]).T
     coarse_held = np.zeros(count + 2, int)
     coarse_held[count:] = 1, -1
