@@ -99,8 +99,8 @@ def contradiction(arguments, options) -> str | None:
         if getattr(arguments, name) not in (not_given, value):
             no = "no-" if name == "view_dependence" else ""
             return f"--{no}{name.replace('_', '-')}"
-    # It is 0 in older checkpoints, and no flag gives it.
-    known["depth_cost"] = options.depth_cost
+    # They are 0 in older checkpoints, and no flag gives them.
+    known |= {"depth_cost": options.depth_cost, "strong_decay": options.strong_decay}
     asked = replace(training.preset(arguments.preset), **known)
     if arguments.steps is not None:
         if with_steps(options, arguments.steps) != options:

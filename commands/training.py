@@ -96,9 +96,9 @@ class TrainArguments:
     leave_out: Words = ()
     """Train without: coarse-stage (one stage; the model then holds the whole grid), subtet-mask
     (tets are occupied as a whole), dense-levels (all are hashed), ray-color (each sample has a
-    color, instead of each ray), distortion, table-decay, depth-cost (no such loss), found-box (the
-    object isn't sought: its box is where the cameras look), isolation (what it stands and leans on
-    stays), exposure (photographs have one for all),
+    color, instead of each ray), distortion, table-decay, depth-cost (no such loss), strong-decay
+    (it isn't tried), found-box (the object isn't sought: its box is where the cameras look),
+    isolation (what it stands and leans on stays), exposure (photographs have one for all),
     blur-weights (blurred photographs count like others)."""
     entry_bits: Literal[8, 16] = 8
     """Bits of each number in the model's tables; 8 halves the file, keeps the few numbers of coarse

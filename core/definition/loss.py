@@ -14,7 +14,7 @@ At rest tets don't overlap, so a pixel is Eq. 1 of the paper.  A batch costs
     color = Σ w c + (1 − Σw) background       target = rgb · alpha + background · (1 − alpha)
     D = Σ_ij w_i w_j |t_i − t_j| + ⅓ Σ_i w_i² δ_i        distortion: Mip-NeRF 360, Eq. 15
     X = Σw · Σ over the three logits of (|logit| − 8)⁺²   excess; 0 without `color_per_ray`
-    E = Σ_i w_i (t_K − t_i)   lead; λ = 0 but where a trial asks for more (training/depth_trial.py)
+    E = Σ_i w_i (t_K − t_i)   lead; λ = 0 but where a trial asks for more (training/beginnings.py)
 
 The background is white, or random for each ray, so that density in empty space is an error.  X
 keeps logits where the sigmoid has a slope; gradients treat its Σw as a constant.

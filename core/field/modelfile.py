@@ -80,7 +80,7 @@ TRAINING = {  # what is known of a training: whether a value of the file is one
     **dict.fromkeys((*SHOWN, WHOLE_OF), text()),
     **dict.fromkeys(("interrupted", "object_stands"), flag),
     **dict.fromkeys(("seconds", "stage_1_seconds", "size"), FINITE),
-    **dict.fromkeys(("object_slack", "occupied_share", "depth_gain"), FINITE),
+    **dict.fromkeys(("object_slack", "occupied_share", "depth_gain", "decay_gain"), FINITE),
     **dict.fromkeys(("workers", "view_count", "missing_images", "test_view_count"), integer()),
     **dict.fromkeys(("tet_count", "stage_1_tet_count", "returns"), integer()),
     **dict.fromkeys(("image_size", "peak_memory_bytes", "levels_below_pixel"), listing(FINITE)),

@@ -10,6 +10,7 @@ LEAVE_OUT = (
     "ray-color",
     "distortion",
     "table-decay",
+    "strong-decay",
     "depth-cost",
     "found-box",
     "isolation",
@@ -46,8 +47,8 @@ class TrainOptions:
         distortion: Weight of the distortion loss (the paper's 1e-2).
         table_decay: Weight of the squares of features, times the number of pixels that are
             drawn from, see loss.py; against noise.
-        depth_cost: Weight of the cost of depth with which stage 2 is tried, see depth_trial.py;
-            0: it isn't tried.
+        strong_decay: The same, with which stage 2 is tried, see beginnings.py; 0: it isn't tried.
+        depth_cost: Weight of the cost of depth with which stage 2 is tried, likewise.
         leave_out: What of the method that this scene is learned without, of LEAVE_OUT:
             "found-box": the object isn't sought, its box lies where the cameras look;
             "isolation": what it stands and leans on isn't cut off (meant.py);
@@ -55,8 +56,9 @@ class TrainOptions:
             then holds; "subtet-mask": a tet is occupied wholly or not at all; "dense-levels":
             every level is hashed; "ray-color": each sample has a color of its own, and a ray the
             sum of them (FieldOptions.deferred); "distortion", "table-decay", "depth-cost": the
-            loss has no such term; "exposure": photographs have no color maps (run/exposure.py);
-            "blur-weights": blurred photographs count as much as sharp ones.
+            loss has no such term; "strong-decay": it isn't tried; "exposure": photographs have no
+            color maps (run/exposure.py); "blur-weights": blurred photographs count as much as
+            sharp ones.
         seed: Seed of all random choices.
     """
 
@@ -64,7 +66,7 @@ class TrainOptions:
     scene_radius: float | None = None
     spacing: float = 0.02
     coarse_steps: int = 1500
-    fine_steps: int = 23000
+    fine_steps: int = 21000
     level_count: int = 7
     table_size_log2: int = 20
     march_step: float = 0.0013
@@ -76,6 +78,7 @@ class TrainOptions:
     color_depth: int = 3
     distortion: float = 1e-2
     table_decay: float = 0.1
+    strong_decay: float = 8.0
     depth_cost: float = 0.05
     leave_out: tuple[str, ...] = ()
     seed: int = 0
@@ -93,7 +96,9 @@ class TrainOptions:
 
 PRESETS = {
     "default": TrainOptions(),
-    "fast": TrainOptions(coarse_steps=1000, fine_steps=12000, color_depth=2, depth_cost=0.0),
+    "fast": TrainOptions(
+        coarse_steps=1000, fine_steps=12000, color_depth=2, strong_decay=0.0, depth_cost=0.0
+    ),
     "small": TrainOptions(
         fine_steps=15000,
         level_count=6,
@@ -114,6 +119,7 @@ PRESETS = {
         learning_rate=2e-2,
         color_width=64,
         color_depth=2,
+        strong_decay=0.0,
         depth_cost=0.0,
     ),
 }

@@ -5,7 +5,7 @@ occupied tets, those that they enclose, and their neighbors are kept.  Stage 2 t
 levels on the kept tets.  Both minimize the loss of run/loss.py with Adam.  Images with alpha are
 composited on a random background per ray in the first half of a stage, so that empty space becomes
 empty, and on white in the second half, because scores are computed on white.  Stage 2 may begin
-twice, to try a cost (depth_trial.py).
+several times, because some choices have to be tried (beginnings.py).
 
 A run without stage 1 trains stage 2 on the whole grid in the scene box, and its model contains
 all of those tets, the empty ones too.
@@ -27,10 +27,19 @@ from ..field import FieldOptions, TetField
 from ..geometry import Plane, TetMesh, a15_grid
 from ..render import in_space, rows_of_views
 from . import photographs, stages
+from .beginnings import (
+    DEPTH_COST,
+    DEPTH_STEPS,
+    STRONG_DECAY,
+    TRIAL_STEPS,
+    Choice,
+    choices_due,
+    validation_psnr,
+    validation_views,
+)
 from .data.datasets import Dataset
 from .data.scene_box import learns_surroundings, object_box, seeks_object, world_to_unit_cube
 from .data.views import focus
-from .depth_trial import DEPTH_STEPS, TRIAL_STEPS, is_due, validation_psnr, validation_views
 from .finding import FoundBox, ground_under, search
 from .meant import meant
 from .run.batch import looks
@@ -266,8 +275,8 @@ class _Run:
             return str(self._out_of_memory(error, "the model keeps sub-tets that no image sees"))
         return None
 
-    def _begin(self, stage, mesh, options: FieldOptions, step_count, depth_cost=0.0, depth_steps=1):
-        """The optimization of a stage, with no step done."""
+    def _begin(self, stage, mesh, options: FieldOptions, step_count, tried=None):
+        """The optimization of a stage, with no step done, and with a choice that is tried."""
         field = TrainingField(
             mesh,
             options,
@@ -281,7 +290,12 @@ class _Run:
             self.plates,
         )
         inputs = self.bank, self.options, self.dataset.has_alpha, step_count
-        return Optimization(field, *inputs, stages.FINAL_RATES[stage], depth_cost, depth_steps)
+        begun_with = {tried, *(c for c in (DEPTH_COST, STRONG_DECAY) if c.is_taken(self.report))}
+        strong = stage == 2 and STRONG_DECAY in begun_with
+        # Where nothing is tried, a cost of depth is over: the run is resumed behind its trial.
+        cost = self.options.depth_cost if tried and DEPTH_COST in begun_with else 0.0
+        rate = stages.FINAL_RATES[stage]
+        return Optimization(field, *inputs, rate, cost, DEPTH_STEPS, strong)
 
     def _train_stage(self, stage, *arguments):
         """Do all steps of a stage; the arguments are those of `_begin`."""
@@ -304,9 +318,9 @@ class _Run:
         # Not before: an interrupt keeps the stage before, or the checkpoint as it was.
         self.stage, self.field, self.optimization = stage, optimization.field, optimization
         del optimization  # which the trial may give up
-        is_tried = "depth_gain" in self.report  # and was interrupted right after that
-        if stage == 2 and not is_tried and is_due(self.optimization, self.dataset):
-            self._try_depth_cost(partial(self._begin, stage, *arguments))
+        choices = choices_due(self.optimization, self.dataset, self.report) if stage == 2 else ()
+        if choices:
+            self._choose_beginning(choices, partial(self._begin, stage, *arguments))
         self._optimize(self.optimization, self.report["history"])
         self.report["returns"] = self.report.get("returns", 0) + self.optimization.returns
         self._note_memory()
@@ -317,43 +331,49 @@ class _Run:
         pause = partial(self._pause, optimization, history)
         optimization.run(self.progress, f"stage {self.stage}{how}", pause, note, until)
 
-    def _try_depth_cost(self, begin):
-        """Begin stage 2 twice, and keep the better beginning, see depth_trial.py.
+    def _choose_beginning(self, choices: list[Choice], begin):
+        """Begin stage 2 anew with each choice, and keep the best beginning, see beginnings.py.
 
-        Until then the one without the cost is what is saved, and kept after Ctrl-C.
+        Until it is chosen, the best so far is what is saved, and kept after Ctrl-C.
 
         Args:
-            begin: Begins stage 2 with a cost, see Optimization.
+            begin: Begins stage 2 with a choice.
         """
-        first, history = self.optimization, self.report["history"]
-        second, rows = None, [row for row in history if row["stage"] != self.stage]
         with self.bank.holding_aside(validation_views(self.dataset.view_count)) as pixels:
-            if first.number < TRIAL_STEPS:
-                self._optimize(first, history, TRIAL_STEPS, ", without a cost of depth")
-            first.free_batches()
-            try:
-                without = validation_psnr(first, pixels)
-                second = begin(self.options.depth_cost, DEPTH_STEPS)
-                self._optimize(second, rows, TRIAL_STEPS, ", with a cost of depth")
-                second.free_batches()
-                gain = validation_psnr(second, pixels) - without
-            except (Diverged, *ALLOCATION_ERRORS) as error:
-                if not isinstance(error, Diverged) and not lacks_memory(error):
-                    raise
-                self.progress.say(f"Going on without a cost of depth: {str(error) or 'no memory'}.")
-                gain = None
-        if gain is not None and second.samples_per_step < first.samples_per_step:
-            gain = None  # both fields at once were too much memory, so they are not comparable
-        if gain is not None:
-            self.report["depth_gain"] = gain
-            kept = "goes on with it" if gain > 0.0 else "goes on without"
-            self.progress.say(f"A cost of depth gives {gain:+.2f} dB on validation views: {kept}.")
-            if gain > 0.0:
-                self.field, self.optimization = second.field, second
-                history[:] = rows
-        del first, second
-        give_memory_back(self.field.device)
+            if self.optimization.number < TRIAL_STEPS:
+                without = f", without {choices[0].name}"
+                self._optimize(self.optimization, self.report["history"], TRIAL_STEPS, without)
+            self.optimization.free_batches()
+            for choice in choices:
+                self._try(choice, begin, pixels)
+                give_memory_back(self.field.device)
         self.optimization.go_on()
+
+    def _try(self, choice: Choice, begin, pixels):
+        """Begin stage 2 with a choice; keep that if it shows the validation views better."""
+        first, history = self.optimization, self.report["history"]
+        rows = [row for row in history if row["stage"] != self.stage]
+        try:
+            before = validation_psnr(first, pixels)
+            second = begin(choice)
+            self._optimize(second, rows, TRIAL_STEPS, f", with {choice.name}")
+            second.free_batches()
+            gain = validation_psnr(second, pixels) - before
+        except (Diverged, *ALLOCATION_ERRORS) as error:
+            if not isinstance(error, Diverged) and not lacks_memory(error):
+                raise
+            reason = str(error) or "no memory"
+            self.progress.say(f"Going on without {choice.name}: {reason}.")
+            return
+        if second.samples_per_step < first.samples_per_step:
+            return  # both fields at once were too much memory, so they are not comparable
+        self.report[choice.key] = gain
+        kept = "goes on with it" if gain > 0.0 else "goes on without"
+        name = choice.name.capitalize()
+        self.progress.say(f"{name} gives {gain:+.2f} dB on validation views: {kept}.")
+        if gain > 0.0:
+            self.field, self.optimization = second.field, second
+            history[:] = rows
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step

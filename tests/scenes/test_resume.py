@@ -79,10 +79,11 @@ def test_the_same_command_and_resume_go_on(call, trainer, data, tmp_path, flags)
 
 
 def test_a_run_of_a_version_without_trials_goes_on(call, trainer, data, tmp_path):
-    unfinished(tmp_path / "m.checkpoint", preset("small", depth_cost=0.0))
+    unfinished(tmp_path / "m.checkpoint", preset("small", depth_cost=0.0, strong_decay=0.0))
     flags = ("--device", "cpu", "--resume", "--preset", "small")
     assert call(train.main, data, "-o", tmp_path / "m.npz", *flags).code == 0
-    assert trainer.calls[0][1].depth_cost == 0.0
+    options = trainer.calls[0][1]
+    assert (options.depth_cost, options.strong_decay) == (0.0, 0.0)
 
 
 def test_the_order_of_what_is_left_out_is_no_difference(call, trainer, data, tmp_path):

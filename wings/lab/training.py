@@ -20,6 +20,7 @@ PARTS = {  # of the scores beside a sector that was held out
     "test_inside": "test views in the sector",
     "test_outside": "test views elsewhere",
 }
+TRIED = {"depth_gain": "a cost of depth", "decay_gain": "strong decay"}  # for stage 2
 TITLE = "Training error against time"
 METHOD = [
     "A row is the mean error of the rays drawn since the row before, of the weights as they are "
@@ -76,10 +77,11 @@ def section(field: TetField) -> Section:
         return Section("training", TITLE, findings, tables=tables, values=known)
     end = f"the training rays end at {moments[-1].psnr:.2f} dB"
     findings = [_sentence([_duration(meta), end, _test(meta)]), _stages(meta, moments)]
-    if (gain := meta.get("depth_gain")) is not None:
-        choice = "with" if gain > 0.0 else "without"
-        said = f"stage 2 began {choice} a cost of depth, which gave {gain:+.2f} dB in a trial"
-        findings.append(_sentence([said]))
+    for key, name in TRIED.items():
+        if (gain := meta.get(key)) is not None:
+            choice = "with" if gain > 0.0 else "without"
+            said = f"stage 2 began {choice} {name}, which gave {gain:+.2f} dB in a trial"
+            findings.append(_sentence([said]))
     findings += _sector(scored)
     if meta.get("interrupted"):
         findings.append("The run was interrupted: the history ends there.")

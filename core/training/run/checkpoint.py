@@ -31,7 +31,8 @@ from .checkpoint_checks import (
 FORMAT = "deformrf-checkpoint-1"
 GONE = {"density_layers": 1, "density_activation": "relu"}  # of older checkpoints
 # Options that older checkpoints lack, and what they trained with.
-ADDED = {"table_decay": 0.0, "color_width": 64, "color_depth": 2, "depth_cost": 0.0}
+ADDED = {"color_width": 64, "color_depth": 2}
+ADDED |= dict.fromkeys(("table_decay", "strong_decay", "depth_cost"), 0.0)
 UNREADABLE = (  # what zipfile, pickle and torch raise for bytes that nobody has written so
     *(OSError, EOFError, RuntimeError, ValueError, TypeError, KeyError, IndexError, MemoryError),
     *(AttributeError, AssertionError, OverflowError, ImportError),

@@ -46,6 +46,7 @@ OPTIONS = {  # but for the box, the other numbers and what TrainOptions checks
     "color_depth": integer(0, DEEPEST),
     "distortion": number(0.0, 1e6),
     "table_decay": number(0.0, 1e6),
+    "strong_decay": number(0.0, 1e6),
     "depth_cost": number(0.0, 1e6),
     "seed": integer(0, 2**63 - 1),
 }

@@ -64,6 +64,7 @@ class Optimization:
         final_rate: Learning rate at its end, as a share of the highest.
         depth_cost: Weight of the cost of depth in the first step, see definition/loss.py.
         depth_steps: In so many steps it falls to 0.
+        strong_decay: Whether features decay by the option of that name.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class Optimization:
         final_rate: float,
         depth_cost: float = 0.0,
         depth_steps: int = 1,
+        strong_decay: bool = False,
     ):
         self.field, self.bank, self.options = field, bank, options
         self.has_alpha, self.step_count, self.final_rate = has_alpha, step_count, final_rate
@@ -88,6 +90,7 @@ class Optimization:
         device = field.torch_device
         self._white = torch.zeros(1, device=device)
         self.depth_cost, self.depth_steps = depth_cost, depth_steps
+        self.strong_decay = strong_decay
         self._depth_weight = torch.zeros(1, device=device) if depth_cost else None
         self.error = torch.zeros((), device=device)
         several = self.workers.count > 1
@@ -178,7 +181,10 @@ class Optimization:
     @property
     def table_decay(self) -> float:
         """Weight of the table's decay."""
-        decay = 0.0 if "table-decay" in self.options.leave_out else self.options.table_decay
+        if "table-decay" in self.options.leave_out:
+            return 0.0
+        options = self.options
+        decay = options.strong_decay if self.strong_decay else options.table_decay
         return decay / self.bank.drawn_pixel_count
 
     def go_on(self):

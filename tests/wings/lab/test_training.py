@@ -125,9 +125,13 @@ def test_equal_test_views_have_no_psnr(trained):
 
 @pytest.mark.parametrize(("gain", "began"), [(0.436, "with"), (-1.35, "without")])
 def test_what_a_trial_chose_is_told_with_what_it_was_worth(trained, gain, began):
-    told = training.section(replace(trained, meta={**META, "depth_gain": gain})).findings
+    meta = {**META, "depth_gain": gain, "decay_gain": -0.2}
+    told = training.section(replace(trained, meta=meta)).findings
     said = f"Stage 2 began {began} a cost of depth, which gave {gain:+.2f} dB in a trial."
-    assert told[2] == said
+    assert told[2:4] == [
+        said,
+        "Stage 2 began without strong decay, which gave -0.20 dB in a trial.",
+    ]
 
 
 def test_runs_that_ended_early_say_so(trained):

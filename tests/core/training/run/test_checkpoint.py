@@ -38,7 +38,7 @@ def as_version_1_wrote_it(path, **options):
     """Give the saved options those that later versions don't have any more."""
     content = torch.load(path, weights_only=True)
     content["options"] |= {"density_layers": 1, "density_activation": "relu", **options}
-    for name in ("table_decay", "color_width", "color_depth", "depth_cost"):
+    for name in ("table_decay", "color_width", "color_depth", "strong_decay", "depth_cost"):
         del content["options"][name]
     torch.save(content, path)
 

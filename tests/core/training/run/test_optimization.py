@@ -72,6 +72,9 @@ def test_features_decay_by_the_number_of_pixels(run):
     run.bank.draw_from(shares=[1.0, 0.0, 0.0, 0.0])
     fewer = Optimization(run.field, run.bank, OPTIONS, run.has_alpha, 1, 1.0)
     assert fewer.table_decay == pytest.approx(OPTIONS.table_decay / 64)
+    tried = replace(OPTIONS, strong_decay=8.0)
+    strong = Optimization(run.field, run.bank, tried, run.has_alpha, 1, 1.0, strong_decay=True)
+    assert strong.table_decay == pytest.approx(8.0 / 64)
     without = replace(OPTIONS, leave_out=("table-decay",))
     assert Optimization(run.field, run.bank, without, run.has_alpha, 1, 1.0).table_decay == 0.0
 
