@@ -6,7 +6,7 @@ from pathlib import Path
 from ..core import training
 from ..core.base.arguments import at_least, at_most, positive
 
-SURROUNDED_STEPS = 0.7  # of the default preset's, where each takes several times as long
+SURROUNDED_STEPS = 0.76  # of the default preset's, where each takes several times as long
 LARGEST_SEED, MOST_STEPS = 2**63 - 1, 10**8  # torch's; a year on a GPU
 SPACINGS = 0.005, 0.25  # at 0.005 the lattice of the whole box has 6 million tets
 COLOR_WIDTHS = 16, 256

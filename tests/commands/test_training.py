@@ -235,8 +235,8 @@ def test_surroundings_take_steps_from_the_default_preset_alone():
         return options.coarse_steps + options.fine_steps
 
     photographs, cut_out = ball_photos.photographs(), gray_photographs(alpha=128)
-    assert count(photographs) == 17_150
-    assert count(cut_out) == count(photographs, surroundings="white") == 24_500
+    assert count(photographs) == 17_100
+    assert count(cut_out) == count(photographs, surroundings="white") == 22_500
     assert count(photographs, steps=500) == 500
     assert count(photographs, preset="fast") == 13_000
 
