@@ -32,7 +32,8 @@ from .run.monitoring import psnr_of
 from .run.optimization import Optimization
 from .run.training_field import LOOK_RAYS, SMALLEST_LOOK
 
-TRIAL_STEPS = 2992  # about 3,000, a multiple of PAUSE_INTERVAL; after fewer, views do not tell
+# About 3,000, a multiple of PAUSE_INTERVAL; after fewer, a cost of depth can't be judged.
+TRIAL_STEPS = 2992
 DEPTH_STEPS = 1800  # of these, in which the cost falls to 0
 FEWEST_STEPS = 15_000  # of stage 2
 FEWEST_VIEWS = 16
@@ -47,7 +48,7 @@ class Choice:
     Attributes:
         name: In sentences.
         key: Of its gain on validation views, in the run's report.  [dB]
-        leave_out: The words of LEAVE_OUT without which it isn't tried.
+        leave_out: Words of LEAVE_OUT; with any of them it isn't tried.
     """
 
     name: str

@@ -341,39 +341,53 @@ class _Run:
         """
         with self.bank.holding_aside(validation_views(self.dataset.view_count)) as pixels:
             if self.optimization.number < TRIAL_STEPS:
-                without = f", without {choices[0].name}"
+                without = ", without " + " and ".join(choice.name for choice in choices)
                 self._optimize(self.optimization, self.report["history"], TRIAL_STEPS, without)
             self.optimization.free_batches()
+            best = None  # the PSNR of the beginning that is kept, once it is known
             for choice in choices:
-                self._try(choice, begin, pixels)
+                best = self._try(choice, begin, pixels, best)
                 give_memory_back(self.field.device)
+        # Outside, because CUDA graphs hold the decay, which depends on how many pixels are drawn.
         self.optimization.go_on()
 
-    def _try(self, choice: Choice, begin, pixels):
-        """Begin stage 2 with a choice; keep that if it shows the validation views better."""
+    def _try(self, choice: Choice, begin, pixels, best: float | None) -> float | None:
+        """Begin stage 2 with a choice; keep that if it shows the validation views better.
+
+        Args:
+            best: PSNR of the beginning so far; None: it is computed.
+
+        Returns:
+            PSNR of the beginning that is kept; None if it is unknown.
+        """
         first, history = self.optimization, self.report["history"]
         rows = [row for row in history if row["stage"] != self.stage]
         try:
-            before = validation_psnr(first, pixels)
+            if best is None:
+                best = validation_psnr(first, pixels)
             second = begin(choice)
             self._optimize(second, rows, TRIAL_STEPS, f", with {choice.name}")
             second.free_batches()
-            gain = validation_psnr(second, pixels) - before
+            tried = validation_psnr(second, pixels)
         except (Diverged, *ALLOCATION_ERRORS) as error:
+            wp.synchronize_device(self.field.device)  # marches ahead write to what is freed next
             if not isinstance(error, Diverged) and not lacks_memory(error):
                 raise
             reason = str(error) or "no memory"
             self.progress.say(f"Going on without {choice.name}: {reason}.")
-            return
+            return best
         if second.samples_per_step < first.samples_per_step:
-            return  # both fields at once were too much memory, so they are not comparable
-        self.report[choice.key] = gain
-        kept = "goes on with it" if gain > 0.0 else "goes on without"
-        name = choice.name.capitalize()
-        self.progress.say(f"{name} gives {gain:+.2f} dB on validation views: {kept}.")
+            return best  # both fields at once were too much memory, so they are not comparable
+        gain = tried - best
         if gain > 0.0:
             self.field, self.optimization = second.field, second
             history[:] = rows
+        self.report[choice.key] = gain
+        self.saved_place = None  # as many steps, but other weights, or another report
+        kept = "goes on with it" if gain > 0.0 else "goes on without"
+        name = choice.name.capitalize()
+        self.progress.say(f"{name} gives {gain:+.2f} dB on validation views: {kept}.")
+        return max(best, tried)
 
     def _hide_unseen(self, look, smallest_weight):
         most = look * self.options.samples_per_step

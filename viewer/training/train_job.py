@@ -119,7 +119,7 @@ class TrainJob(ProcessJob):
         else:
             before, self.progress = self.progress, event
             is_on = before is not None and before["stage"] == event["stage"]
-            if is_on and event["step"] > before["step"]:  # stage 2 may begin twice
+            if is_on and event["step"] > before["step"]:  # stage 2 may begin anew
                 seconds = max(event["seconds"] - before["seconds"], 1e-9)
                 self.steps_per_second = (event["step"] - before["step"]) / seconds
 

@@ -199,6 +199,8 @@ def checked_report(report) -> dict:
     good = vector(2, vector(3, number()))(box)
     good = good and number()(report["seconds"]) and number()(report.get("object_slack", 0.0))
     check(good, "the box in its report is none")
+    gains = [report.get(key, 0.0) for key in ("depth_gain", "decay_gain")]
+    check(listing(number())(gains), "what its trials gained is no number")
     if "object_box" in report and not {"object_stands", "object_slack"} <= set(report):
         raise KeyError("object_stands")
     return report

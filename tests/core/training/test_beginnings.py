@@ -154,7 +154,11 @@ def test_some_of_many_pixels_are_compared(optimization, monkeypatch):
 
 
 def gains(monkeypatch, depth, decay, resumed=None):
-    """Scores such that the choices gain as much; `resumed`: reports of runs that are resumed."""
+    """Scores such that the choices gain as much.
+
+    Args:
+        resumed: Reports of runs that are resumed: these have no cost of depth any more.
+    """
 
     def score(run, _):
         had_cost = any(report.get("depth_gain", 0.0) > 0.0 for report in resumed or ())
@@ -227,6 +231,7 @@ def interrupted_at(monkeypatch, ball_data, path, step_count):
 
     with monkeypatch.context() as patch:
         patch.setattr(Optimization, "step", interrupted)
+        patch.setattr(trainer, "CHECKPOINT_SECONDS", 0.0)  # at each pause, in trials as well
         half = trainer.train(ball_data[0], TRIED, "cpu", "ball", path)
     assert half.interrupted and half.resumable
     return load_checkpoint(path)
@@ -251,6 +256,8 @@ def test_a_run_that_is_interrupted_ends_where_another_does(
         resumed = interrupted_at(monkeypatch, ball_data, path, steps)
         reports.append(resumed.report)
         assert resumed.fit["step"]["number"] == number
+        assert ("depth_gain" in resumed.report) == (steps >= 2 * END)
+        assert ("decay_gain" in resumed.report) == (steps >= 3 * END)
         again = trainer.train(ball_data[0], TRIED, "cpu", "ball", path, resumed)
         assert (again.report["depth_gain"], again.report["decay_gain"]) == (depth, decay)
         np.testing.assert_array_equal(again.field.table, whole.field.table)

@@ -269,7 +269,7 @@ def test_the_offer_is_answered_with_the_mouse(app, photos, monkeypatch):
     assert began == [app] and app.questions.dialog is None
 
 
-def test_a_stage_that_begins_twice_has_no_steps_backwards():
+def test_a_stage_that_begins_anew_has_no_steps_backwards():
     job = TrainJob.__new__(TrainJob)  # runs nothing
     rates = []
     for step, seconds in ((10, 1.0), (40, 2.0), (16, 3.0), (36, 4.0)):

@@ -133,6 +133,7 @@ def test_a_flipped_bit_of_any_array_is_found(tmp_path):
         {"view_count": "3"},
         {"image_size": 16.0},
         {"image_size": [16]},
+        {"decay_gain": "much"},
         {"seconds": float("nan")},
         {"history": "all"},
         {"object_box": [[0.0] * 3] * 2},
