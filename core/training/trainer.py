@@ -276,7 +276,11 @@ class _Run:
         return None
 
     def _begin(self, stage, mesh, options: FieldOptions, step_count, tried=None):
-        """The optimization of a stage, with no step done, and with a choice that is tried."""
+        """The optimization of a stage, with no step done.
+
+        Args:
+            tried: A Choice that stage 2 begins with, beside those that the run has taken.
+        """
         field = TrainingField(
             mesh,
             options,
@@ -341,8 +345,8 @@ class _Run:
         """
         with self.bank.holding_aside(validation_views(self.dataset.view_count)) as pixels:
             if self.optimization.number < TRIAL_STEPS:
-                without = ", without " + " and ".join(choice.name for choice in choices)
-                self._optimize(self.optimization, self.report["history"], TRIAL_STEPS, without)
+                history = self.report["history"]
+                self._optimize(self.optimization, history, TRIAL_STEPS, ", first beginning")
             self.optimization.free_batches()
             best = None  # the PSNR of the beginning that is kept, once it is known
             for choice in choices:

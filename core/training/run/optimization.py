@@ -181,9 +181,9 @@ class Optimization:
     @property
     def table_decay(self) -> float:
         """Weight of the table's decay."""
-        if "table-decay" in self.options.leave_out:
-            return 0.0
         options = self.options
+        if "table-decay" in options.leave_out:
+            return 0.0
         decay = options.strong_decay if self.strong_decay else options.table_decay
         return decay / self.bank.drawn_pixel_count
 
