@@ -513,9 +513,6 @@ def summary(trained, path: Path, scores: dict) -> str:
         left = trained.report.get("exposure_left")
         look = "colors follow them" if left else "the model has the mean one"
         text += f"\nThe photographs' exposures differ by {spread:.1%}; {look}."
-    if below := trained.report.get("levels_below_pixel"):
-        text += (
-            f"\nOf levels 0 to {trained.field.options.level_count - 1}, these are finer than any "
-            f"pixel of the training images: {', '.join(map(str, below))}"
-        )
+    if out := trained.report.get("levels_left_out"):
+        text += f"\nFine levels that are left out, as no image shows them: {out}."
     return text

@@ -16,7 +16,7 @@ from .modelfile import (
 from .field import same_values as same_values
 from .packing import STIFFNESS_RANGE as STIFFNESS_RANGE
 from .bounds import check_finite as check_finite, check_geometry as check_geometry
-from .reduction import nearer_to_matter as nearer_to_matter
+from .reduction import coarsest as coarsest, nearer_to_matter as nearer_to_matter
 from .reach import reached_entries as reached_entries
 from .isolation.isolating import (
     Isolated as Isolated,
@@ -30,11 +30,7 @@ from .isolation.isolating import (
     neck_of as neck_of,
 )
 from .isolation.subtet_graph import subtet_colors as subtet_colors
-from .levels import (
-    below_pixel as below_pixel,
-    level_edges as level_edges,
-    narrowest_pixel as narrowest_pixel,
-)
+from .levels import below_pixel as below_pixel, level_edges as level_edges
 
 # Kernels, their functions and array structs.
 from .byte_table import table_in_bytes as table_in_bytes

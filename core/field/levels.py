@@ -2,10 +2,10 @@
 
 A pixel at distance t from a camera of focal length f (in pixels) is t / f wide.  A level is finer
 than a pixel if its longest rest edge is shorter than the width of a pixel at the object.  Such a
-level interpolates between vertices that coincide in the image.  Training, the viewer, the view mode
-`levels` and the report use this one definition.
+level interpolates between vertices that coincide in the image.  The viewer, the view mode `levels`
+and the report use this one definition.
 
-Lengths are in model units.  V vertices, N cameras, L levels.
+Lengths are in model units.  L levels.
 """
 
 import numpy as np
@@ -35,15 +35,3 @@ def below_pixel(edges: ArrayLike, pixel: ArrayLike) -> np.ndarray:
     `level_edges` [L], [...] -> [..., L] bool
     """
     return np.asarray(edges) < np.asarray(pixel)[..., None]
-
-
-def narrowest_pixel(positions: ArrayLike, focals: ArrayLike, vertices: np.ndarray) -> float:
-    """Width of a pixel where a camera comes closest to the object.
-
-    Args:
-        positions: Camera positions, model space.  [N, 3]
-        focals: Focal lengths in pixels; the larger one of a lens that has two.  [] or [N]
-        vertices: Rest vertices of the object.  [V, 3]
-    """
-    distance = [np.linalg.norm(vertices - position, axis=1).min() for position in positions]
-    return float((np.array(distance) / focals).min())

@@ -1,4 +1,4 @@
-"""Remove tets from a field: density and color of the others stay the same."""
+"""Remove tets from a field, or its finest levels: the rest stays as it is."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from ..definition.encoding import hash_address
 from ..geometry import extract, face_components, path_nodes, tet_neighbours
 from .field import TetField
-from .layout import FEATURES, make_layout
+from .layout import FEATURES, Layout, make_layout
 from .occupancy import pack_mask, subtet_middles, unpack_mask
 from .packing import reduced_rig
 
@@ -46,6 +46,25 @@ def reduced(field: TetField, keep: np.ndarray) -> TetField:
         table=np.concatenate(kept),
         stiffness=None if field.stiffness is None else field.stiffness[used],
         rig_arrays=reduced_rig(field.rig_arrays, used),
+    )
+
+
+def coarsest(field: TetField, count: int) -> TetField:
+    """The field with its `count` coarsest levels alone, as if the features of others were 0.
+
+    Raises:
+        ValueError: It has fewer levels, or none would be left.
+    """
+    if not 1 <= count <= field.options.level_count:
+        raise ValueError(f"{count} levels of {field.options.level_count} can't be kept")
+    layout, ((weights, bias), *others) = field.layout, field.density_layers
+    dense = min(count, layout.dense_level_count)
+    return replace(
+        field,
+        options=replace(field.options, level_count=count),
+        layout=Layout(layout.entry_counts[:count], dense, layout.node_ids[:dense]),
+        table=field.table[: layout.offsets[count]],
+        density_layers=((weights[: count * FEATURES], bias), *others),
     )
 
 

@@ -346,7 +346,7 @@ def model_facts(field, path=None) -> dict:
     if path is not None:
         path = Path(path)
         facts |= {"file": path.name, "bytes": path.stat().st_size, **bytes_of_file(path)}
-    known = ("seconds", "stage_1_seconds", "peak_memory_bytes", "levels_below_pixel", "device")
+    known = ("seconds", "stage_1_seconds", "peak_memory_bytes", "levels_left_out", "device")
     return facts | {f"training_{k}": field.meta[k] for k in known if k in field.meta}
 
 

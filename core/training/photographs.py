@@ -1,14 +1,11 @@
-"""Corrections for photographs: exposure, blur, and the size of pixels.
+"""Corrections for photographs: exposure and blur, if a camera took the images.
 
-Exposure and blur are corrected only if a camera took the images (`are_photographs`).  The size of
-pixels changes no run; it is only reported.
+`are_photographs` tells.
 """
 
 import numpy as np
 import warp as wp
 
-from ..field import below_pixel, level_edges, narrowest_pixel
-from ..render import in_space
 from .data.datasets import Dataset
 from .data.raybank import RayBank
 from .data.scene_box import are_photographs, learns_surroundings
@@ -105,11 +102,3 @@ def said_of_blur(dataset: Dataset, weights) -> str:
         f"{len(order)} of {dataset.view_count} photographs are blurred and count less than the "
         f"others: {shown}{more}."
     )
-
-
-def levels_below_pixel(dataset: Dataset, world_to_model, mesh, level_count: int) -> list[int]:
-    """Levels that no training image could tell apart."""
-    positions = in_space(dataset.poses, world_to_model)[:, :3, 3]
-    focals = np.array([max(lens.focal) for lens in dataset.lenses])
-    pixel = narrowest_pixel(positions, focals, mesh.rest_vertices)
-    return np.flatnonzero(below_pixel(level_edges(mesh, level_count), pixel)).tolist()

@@ -23,7 +23,7 @@ import torch
 import warp as wp
 
 from ..base.device import start_warp
-from ..field import FieldOptions, TetField
+from ..field import FieldOptions, TetField, coarsest
 from ..geometry import Plane, TetMesh, a15_grid
 from ..render import in_space, rows_of_views
 from . import photographs, stages
@@ -42,6 +42,7 @@ from .data.scene_box import learns_surroundings, object_box, seeks_object, world
 from .data.views import focus
 from .finding import FoundBox, ground_under, search
 from .meant import meant
+from .needed_levels import needed_levels
 from .run.batch import looks
 from .run.checkpoint import Checkpoint, CheckpointError, save_checkpoint
 from .run.differentiable import on_warp_stream
@@ -83,7 +84,7 @@ class Trained:
     report: dict[str, Any]  # figures of the run, plain JSON values
     interrupted: bool  # by Ctrl-C
     diverged: str | None = None  # why it ended early, a sentence
-    out_of_memory: str | None = None  # a sentence, if what no image sees could not be hidden
+    out_of_memory: str | None = None  # a sentence, if what no image shows could not be left out
     resumable: bool = False  # whether `checkpoint_path` holds a checkpoint of this run
     whole: TetField | None = None  # with all that is in the object's box, as photographs show it
     uncut: TetField | None = None  # `field` before what the object touches was cut off, if it was
@@ -158,6 +159,7 @@ class _Run:
         self.start = self.saved = time.perf_counter()
         self.stage = 0  # 1 or 2 once there is a field
         self.field = self.optimization = self.surroundings = self.exposure = self.plates = None
+        self.needless_levels = None  # how many of the finest no image shows, once it is known
         self.memory = [0, 0]  # bytes at most, of each stage
         self.resumable = bool(self.resumed and self.checkpoint_path)
         self.saved_place = None  # stage and step of the last checkpoint that was written
@@ -265,14 +267,16 @@ class _Run:
         return kept_mesh(self.field, self._ground(), self._points())
 
     def _train_fine(self, mesh) -> str | None:
-        """Stage 2; a sentence if a single worker lacks the memory to hide what no image sees."""
+        """Stage 2; a sentence if a single worker lacks the memory to find what no image shows."""
         self._train_stage(2, mesh, stages.field_options(self.options), self.options.fine_steps)
         try:
             self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
+            levels = self.field.options.level_count
+            self.needless_levels = levels - needed_levels(self.field, self.bank)
         except ALLOCATION_ERRORS as error:
             if self.workers.count > 1 or not lacks_memory(error):
                 raise
-            return str(self._out_of_memory(error, "the model keeps sub-tets that no image sees"))
+            return str(self._out_of_memory(error, "the model keeps what no image shows"))
         return None
 
     def _begin(self, stage, mesh, options: FieldOptions, step_count, tried=None):
@@ -484,12 +488,12 @@ class _Run:
         if field.device.is_cuda:
             report["peak_memory_bytes"] = self.memory
         report["device"] = field.device.name
-        report["levels_below_pixel"] = photographs.levels_below_pixel(
-            self.dataset, self.world_to_model, field.mesh, field.options.level_count
-        )
+        if self.needless_levels is not None:
+            report["levels_left_out"] = self.needless_levels
         if self.exposure is not None:
             report["exposure_spread"] = self.exposure.spread()
-        alone = whole = self._export(self.optimization)
+        whole = self._export(self.optimization)
+        alone = whole = coarsest(whole, whole.options.level_count - (self.needless_levels or 0))
         if self.found:  # without what it stands on
             ground = None if self.dataset.has_alpha else self._ground()
             alone = object_alone(whole, field.densities().cpu().numpy(), self.found.box, ground)

@@ -87,9 +87,9 @@ def change_meta(path, **changes):
         None,
         ["a list"],
         {"seconds": None, "history": 7, "peak_memory_bytes": [None], "options": [1]},
-        {"seconds": "long", "test_mean": "good", "levels_below_pixel": {}, "device": [1]},
+        {"seconds": "long", "test_mean": "good", "levels_left_out": {}, "device": [1]},
         {"seconds": 10**400, "peak_memory_bytes": "much", "options": None},
-        {"seconds": float("nan"), "stage_1_seconds": float("inf"), "levels_below_pixel": [None]},
+        {"seconds": float("nan"), "stage_1_seconds": float("inf"), "levels_left_out": None},
     ],
     ids=["null", "list", "wrong types", "more wrong types", "huge", "no numbers"],
 )

@@ -74,7 +74,7 @@ def test_a_last_look_without_memory_leaves_the_trained_field(
         fail_at(patch, TrainingField, "hide_unseen", 2, NO_MEMORY)
         short = trainer.train(ball_data[0], OPTIONS, "cpu", "ball", path)
     assert not short.complete and short.resumable
-    assert "keeps sub-tets that no image sees" in short.out_of_memory
+    assert "keeps what no image shows" in short.out_of_memory
     assert str(path) in short.out_of_memory
     for a, b in zip(parameters(trained)[:-1], parameters(short)[:-1], strict=True):
         np.testing.assert_array_equal(a, b)

@@ -5,7 +5,7 @@ import pytest
 from shown_levels import levels_reference
 
 from deformrf.core.base.paths import DEFAULT_MODEL
-from deformrf.core.field import below_pixel, level_edges, modelfile, narrowest_pixel
+from deformrf.core.field import below_pixel, level_edges, modelfile
 from deformrf.core.geometry import EDGES, a15_grid, path_corners
 from deformrf.viewer.layers.resolution import Rung
 
@@ -25,17 +25,6 @@ def test_edges_are_those_of_all_descendants(mesh):
     np.testing.assert_allclose(level_edges(mesh, 5), expected)
 
 
-def test_a_pixel_is_narrowest_where_a_camera_comes_closest():
-    vertices = np.random.default_rng().uniform(size=(50, 3))
-    near, far = vertices[7] + (0.0, 0.0, 3.0), np.array([0.5, 0.5, -40.0])
-    near[2] = vertices[:, 2].max() + 2.0
-    distance = np.linalg.norm(vertices - near, axis=1).min()
-    pixel = narrowest_pixel([far, near], 500.0, vertices)
-    assert pixel == pytest.approx(distance / 500.0)
-    longer_lens = narrowest_pixel([far, near], [500.0 * 1e3, 500.0], vertices)
-    assert longer_lens < pixel
-
-
 def test_levels_with_shorter_edges_than_a_pixel_are_below_it(mesh):
     edges = level_edges(mesh, 6)
     assert np.flatnonzero(below_pixel(edges, 1.001 * edges[4])).tolist() == [4, 5]
@@ -43,19 +32,15 @@ def test_levels_with_shorter_edges_than_a_pixel_are_below_it(mesh):
     assert below_pixel(edges, 10.0).all()
 
 
-def test_training_viewer_and_view_mode_agree_which_levels_are_finer_than_a_pixel():
+def test_viewer_and_view_mode_agree_which_levels_are_finer_than_a_pixel():
     """On the bundled model, for pixels around the edge lengths that they once disagreed about."""
     field = modelfile.load(DEFAULT_MODEL)
     count = field.layout.level_count
     edges = level_edges(field.mesh, count)
-    vertices = field.mesh.rest_vertices
-    top = vertices[:, 2].argmax()
     for level in range(count):
         for pixel in (0.93 * edges[level], 0.999 * edges[level], 1.001 * edges[level]):
             finer = count - max(level + (pixel <= edges[level]), 1)
-            camera = vertices[top] + (0.0, 0.0, 500.0 * pixel)
-            width = narrowest_pixel([camera], 500.0, vertices)
-            assert min(below_pixel(edges, width).sum(), count - 1) == finer
+            assert min(below_pixel(edges, pixel).sum(), count - 1) == finer
             shown = Rung(1.0, spared_levels=count).savings(edges, pixel).get("level_count", count)
             assert shown == count - finer
             assert levels_reference(pixel * 500.0, edges, 500.0) == count - finer - 1

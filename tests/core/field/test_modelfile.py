@@ -385,7 +385,7 @@ def test_a_training_entry_without_a_documented_type_is_dropped(path):
     known = {"note": [1], "data": "chair", "seconds": 3, "peak_memory_bytes": [1, 2.5]}
     known |= {"interrupted": False, "tet_count": 9, "image_size": [40, 30], "occupied_share": 0.5}
     wrong = {"device": 7, "workers": 1.5, "stage_1_seconds": "short", "options": None}
-    wrong |= {"missing_images": True, "stage_1_tet_count": 2.5, "levels_below_pixel": ["2"]}
+    wrong |= {"missing_images": True, "stage_1_tet_count": 2.5, "levels_left_out": "2"}
     scores = {"psnr": 30.5, "lpips": None, "ssim": float("nan")}
     rewrite_meta(path, training={**known, **wrong, "history": rows, "test_mean": scores})
     expected = {**known, "history": [row], "test_mean": {"psnr": 30.5}}

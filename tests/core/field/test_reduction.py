@@ -6,7 +6,9 @@ import pytest
 from deformrf.core.definition.networks import colors, geometry
 from deformrf.core.field import (
     FieldOptions,
+    coarsest,
     cut,
+    modelfile,
     pack_mask,
     random_field,
     reduced,
@@ -42,6 +44,31 @@ def test_what_stays_has_the_density_and_color_it_had(dense):
         for h, of in ((before, field), (after, small))
     )
     np.testing.assert_allclose(of_after, of_before, rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_coarse_levels_alone_are_as_if_the_others_were_zero(count, tmp_path):
+    rng = np.random.default_rng()
+    mesh = a15_grid(0.2)
+    options = FieldOptions(level_count=4, table_size=2**13)  # three are dense
+    field = random_field(mesh, tet_neighbours(mesh.tets), options, seed=1)
+    modelfile.save(coarsest(field, count), tmp_path / "coarse.npz", entry_bits=16)
+    coarse = modelfile.load(tmp_path / "coarse.npz")
+    assert coarse.options.level_count == coarse.layout.level_count == count
+    field.table[field.layout.offsets[count] :] = 0.0
+    tet, bary = rng.integers(0, mesh.tet_count, 200), rng.dirichlet(np.ones(4), 200)
+    before, after = (geometry(f.definition, tet, bary) for f in (field, coarse))
+    np.testing.assert_allclose(after, before, rtol=1e-2, atol=2e-2)  # the file rounds
+    after = geometry(coarsest(field, count).definition, tet, bary)
+    np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_levels_that_a_field_lacks_are_refused(count):
+    mesh = a15_grid(0.25)
+    field = random_field(mesh, tet_neighbours(mesh.tets), FieldOptions(level_count=4))
+    with pytest.raises(ValueError, match="levels of 4"):
+        coarsest(field, count)
 
 
 def test_something_has_to_stay():

@@ -125,12 +125,13 @@ def test_equal_test_views_have_no_psnr(trained):
 
 @pytest.mark.parametrize(("gain", "began"), [(0.436, "with"), (-1.35, "without")])
 def test_what_a_trial_chose_is_told_with_what_it_was_worth(trained, gain, began):
-    meta = {**META, "depth_gain": gain, "decay_gain": -0.2}
+    meta = {**META, "depth_gain": gain, "decay_gain": -0.2, "levels_left_out": 2}
     told = training.section(replace(trained, meta=meta)).findings
     said = f"Stage 2 began {began} a cost of depth, which gave {gain:+.2f} dB in a trial."
-    assert told[2:4] == [
+    assert told[2:5] == [
         said,
         "Stage 2 began without strong decay, which gave -0.20 dB in a trial.",
+        "Fine levels that are left out, as no image shows them: 2.",
     ]
 
 
