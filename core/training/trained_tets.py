@@ -160,7 +160,7 @@ def without_spurs(field: TetField) -> TetField:
 
     Stage 1 finds some fog far from an object.  Where it is joined to the object, `kept_mesh` has a
     chain of tets there.  It shows nothing, but it is a pendulum: it swings for seconds, and bends
-    far under its weight.  A chain that joins two things of the object stays, and so does what the
+    far under its weight.  A chain that joins two parts with matter stays, and so does what the
     object encloses, where nothing is occupied either.
     """
     mesh, neighbours = field.mesh, field.neighbours
@@ -173,9 +173,16 @@ def without_spurs(field: TetField) -> TetField:
     is_outside = (neighbours < 0).any(axis=1)
     reach_out = np.unique(labels[is_outside & (labels >= 0)])
     keep = np.ones(mesh.tet_count, bool)
+
+    def with_matter(tets):
+        """Parts with matter: their number, and their tets; crumbs that a spur leaves have none."""
+        parts = face_components(neighbours, tets)
+        full = np.unique(parts[tets & (counts > 0)])
+        return len(full), np.isin(parts, full)
+
     for label in reach_out[np.bincount(labels[labels >= 0])[reach_out] >= SPUR]:
-        rest = keep & (labels != label)
-        if face_components(neighbours, rest).max() <= face_components(neighbours, keep).max():
+        part_count, rest = with_matter(keep & (labels != label))
+        if part_count <= with_matter(keep)[0]:
             keep = rest
     return field if keep.all() else reduced(field, keep)
 

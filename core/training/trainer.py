@@ -270,7 +270,9 @@ class _Run:
         """Stage 2; a sentence if a single worker lacks the memory to find what no image shows."""
         self._train_stage(2, mesh, stages.field_options(self.options), self.options.fine_steps)
         try:
-            self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT)
+            # Where masks don't tell everywhere, or surroundings are learned, alpha refutes nothing.
+            tells = self.dataset.has_alpha and not self.surroundings and self.plates is None
+            self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT, tells)
             levels = self.field.options.level_count
             self.needless_levels = levels - needed_levels(self.field, self.bank)
         except ALLOCATION_ERRORS as error:
@@ -397,9 +399,10 @@ class _Run:
         self.progress.say(f"{name} gives {gain:+.2f} dB on validation views: {kept}.")
         return max(best, tried)
 
-    def _hide_unseen(self, look, smallest_weight):
+    def _hide_unseen(self, look, smallest_weight, with_refuted=False):
         most = look * self.options.samples_per_step
-        self.field.hide_unseen(partial(looks, self.bank, self.field.device, most), smallest_weight)
+        look = partial(looks, self.bank, self.field.device, most)
+        self.field.hide_unseen(look, smallest_weight, with_refuted)
         self._note_memory()
 
     def _seconds(self) -> float:

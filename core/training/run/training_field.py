@@ -60,6 +60,25 @@ def mark_seen_kernel(
     )
 
 
+@wp.kernel
+def weigh_matter_kernel(
+    counts: wp.array(dtype=int),  # [R]
+    ends: wp.array(dtype=int),  # [R] inclusive scan of counts
+    rgba: wp.array(dtype=wp.vec4),  # [R] what the pixels show
+    sample_tet: wp.array(dtype=int),  # [N]
+    weights: wp.array(dtype=float),  # [N]
+    matter: wp.array(dtype=float),  # [T] in, out: sum of the weights
+    refuted: wp.array(dtype=float),  # [T] in, out: of those that the pixel's alpha is too low for
+):
+    i = wp.tid()
+    n = ends[i] - counts[i]
+    while n < ends[i]:
+        wp.atomic_add(matter, sample_tet[n], weights[n])
+        if rgba[i][3] < 0.5 * weights[n]:
+            wp.atomic_add(refuted, sample_tet[n], weights[n])
+        n += 1
+
+
 class RenderedRays(NamedTuple):
     """A batch of rays and samples, rendered with gradients, as torch tensors."""
 
@@ -242,7 +261,12 @@ class TrainingField:
         return self.workers.gather(sigma, len(cells)) * self.options.march_step
 
     @torch.no_grad()
-    def hide_unseen(self, looks: Callable[[int], Iterable[Batch]], smallest_weight: float):
+    def hide_unseen(
+        self,
+        looks: Callable[[int], Iterable[Batch]],
+        smallest_weight: float,
+        with_refuted: bool = False,
+    ):
         """Mask sub-tets in which no ray has a sample of at least that weight.
 
         What no camera ever saw, above all the inside of what is opaque, stays hidden in
@@ -250,32 +274,49 @@ class TrainingField:
 
         Args:
             looks: Given a number of rays, batches of at most as many; see batch.looks.
+            with_refuted: Mask tets, too, whose matter the images' alpha refutes.  A pixel refutes
+                samples of more than twice the weight that its alpha is, and a tet is refuted if
+                they have most of its weight.  So fog goes that is seen beside the object.
         """
 
-        def largest_weights(ray_count):
+        def weigh(ray_count):
             seen = torch.zeros(self.thickness.numel(), device=self.torch_device)
+            matter, refuted = torch.zeros(2, len(self.thickness), device=self.torch_device)
             batches = enumerate(looks(ray_count), start=1)
             for seed, batch in islice(batches, self.workers.rank, None, self.workers.count):
                 batch.seed.fill_(seed)
                 self.march(batch)
-                weights = self.composite(batch).weights
-                wp.launch(
+                samples, weights = batch.samples, wp.from_torch(self.composite(batch).weights)
+                self._launch(
                     mark_seen_kernel,
-                    dim=len(weights),
-                    inputs=[batch.samples.tet, batch.samples.bary, wp.from_torch(weights)],
-                    outputs=[wp.from_torch(seen)],
-                    device=self.device,
+                    len(weights),
+                    [samples.tet, samples.bary, weights],
+                    [seen],
                 )
-            return seen
+                self._launch(
+                    weigh_matter_kernel,
+                    batch.ray_count,
+                    [batch.counts, batch.ends, batch.drawn.rgba, samples.tet, weights],
+                    [matter, refuted],
+                )
+            return seen, matter, refuted
 
-        seen = within_memory(
-            largest_weights, LOOK_RAYS, SMALLEST_LOOK, "rays at once", self.workers, self.device
+        seen, matter, refuted = within_memory(
+            weigh, LOOK_RAYS, SMALLEST_LOOK, "rays at once", self.workers, self.device
         )
         self.workers.max_(seen)
         self.hidden = (seen < smallest_weight).view_as(self.hidden)
+        if with_refuted:
+            for sums in matter, refuted:
+                self.workers.sum_(sums)
+            self.hidden |= (refuted > 0.5 * matter)[:, None]
         if self._outside is not None:
             self.hidden |= self._outside
         self._occupy(self.occupied & ~self.hidden)
+
+    def _launch(self, kernel, dim, inputs, sums):
+        outputs = [wp.from_torch(each) for each in sums]
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
     def _occupy(self, subtets):
         """Make these the occupied sub-tets.  [T, 64] bool"""

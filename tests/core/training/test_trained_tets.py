@@ -9,6 +9,7 @@ from deformrf.core.field import (
     FieldOptions,
     pack_mask,
     random_field,
+    reduced,
     subtet_middles,
     unpack_mask,
 )
@@ -196,6 +197,22 @@ def test_a_chain_of_fog_goes(wire_matter):
     assert trained_tets.SPUR < 0.7 * (part == WIRE).sum() < gone < (part == WIRE).sum()
     assert (unpack_mask(fewer.occupancy).sum(axis=1) == 64).sum() == (part == BODY).sum()
     assert len(set(face_components(fewer.neighbours))) == 1
+
+
+def test_crumbs_without_matter_do_not_hold_a_chain():
+    """The chain meets the block at edges and vertices alone; without it, what meets it crumbles."""
+    field, part = spurred(0)
+    mesh = field.mesh
+    across = np.where(field.neighbours >= 0, part[field.neighbours], 0)
+    near = np.isin(mesh.tets, mesh.tets[part == BODY]).any(axis=1) & (part == WIRE)
+    middle = abs(mesh.rest_vertices[mesh.tets].mean(axis=1)[:, 1] - 0.5) < 0.04
+    gone = (part == WIRE) & ((across == BODY).any(axis=1) | (near & middle))
+    cut, part, near = reduced(field, ~gone), part[~gone], near[~gone]
+    crumbled = face_components(cut.neighbours, (part == BODY) | near).max()
+    assert crumbled > face_components(cut.neighbours).max()
+    left = trained_tets.without_spurs(cut)
+    assert left.mesh.tet_count == (part == BODY).sum()
+    assert (unpack_mask(left.occupancy).sum(axis=1) == 64).all()
 
 
 @pytest.mark.parametrize("shell_matter", [64, 0])

@@ -399,6 +399,52 @@ def test_occupancy_follows_density():
     assert not stage.occupied.any()
 
 
+def column_of_rays(stage, alpha):
+    """A marched batch of rays from above, whose pixels have that alpha.  [R] or a number"""
+    places = np.stack(np.meshgrid(*[np.linspace(0.05, 0.95, 60)] * 2), axis=-1).reshape(-1, 2)
+    batch = Batch(len(places), None, stage.device)
+    origins = np.column_stack([places, np.full(len(places), 3.0)]).astype(np.float32)
+    batch.origins.copy_(torch.from_numpy(origins))
+    batch.directions.copy_(torch.tensor([0.0, 0.0, -1.0]).expand(len(places), 3))
+    batch.rgba[:, 3] = torch.as_tensor(alpha(places) if callable(alpha) else alpha)
+    return batch
+
+
+def test_what_pixels_refute_is_hidden_tet_by_tet():
+    """A thin fog: half of its pixels show nothing there, the others as much as it weighs."""
+    stage = TrainingField(a15_grid(0.1), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    with torch.no_grad():
+        stage.networks.density[-1].bias[0] = -2.0
+    batch = column_of_rays(stage, lambda places: np.where(places[:, 0] < 0.5, 0.0, 0.1))
+    stage.march(batch)
+    samples, weights = batch.samples, stage.composite(batch).weights
+    ray = np.repeat(np.arange(batch.ray_count), batch.counts.numpy())
+    too_low = batch.rgba[:, 3].numpy()[ray] < 0.5 * weights.numpy()
+    tet, count = samples.tet.numpy(), stage.mesh.tet_count
+    matter = np.bincount(tet, weights.numpy().astype(float), count)
+    refuted = np.bincount(tet, weights.numpy() * too_low, count)
+    expected = refuted > 0.5 * matter
+    assert 0.2 < expected.mean() < 0.8
+    assert (np.abs(refuted - 0.5 * matter)[matter > 0] > 1e-6).all()
+    batches = [batch]
+    stage.hide_unseen(lambda _: batches, 0.0)
+    assert not stage.hidden.any()
+    stage.hide_unseen(lambda _: batches, 0.0, with_refuted=True)
+    np.testing.assert_array_equal(stage.hidden.numpy(), np.repeat(expected[:, None], 64, axis=1))
+    assert not (stage.occupied & stage.hidden).any()
+
+
+@pytest.mark.parametrize("alpha", [0.05, 1.0])
+def test_what_is_as_faint_as_its_pixels_stays(alpha):
+    """A veil, and fog that is always before the object."""
+    stage = TrainingField(a15_grid(0.1), FieldOptions(level_count=2, table_size=2**8), "cpu")
+    with torch.no_grad():
+        stage.networks.density[-1].bias[0] = -3.0
+    batch = column_of_rays(stage, alpha)
+    stage.hide_unseen(lambda _: [batch], 0.0, with_refuted=True)
+    assert not stage.hidden.any()
+
+
 def test_what_no_ray_sees_is_hidden():
     """An opaque field seen from one side: only its front remains."""
     stage = TrainingField(a15_grid(0.2), FieldOptions(level_count=2, table_size=2**8), "cpu")
