@@ -514,5 +514,5 @@ def summary(trained, path: Path, scores: dict) -> str:
         look = "colors follow them" if left else "the model has the mean one"
         text += f"\nThe photographs' exposures differ by {spread:.1%}; {look}."
     if out := trained.report.get("levels_left_out"):
-        text += f"\nFine levels that are left out, as no image shows them: {out}."
+        text += f"\nFinest levels left out, because no image shows them: {out}."
     return text

@@ -1,11 +1,12 @@
-"""How many levels images need: a model's finest ones may hold nothing that a pixel shows.
+"""How many levels a trained model needs; the finest ones may change no image.
 
-Decay takes features to 0 that photographs don't teach.  Where it is strong, or where the finest
-edges are far shorter than a pixel, those of whole levels stay near 0.  Such a level is a third of
-a model's file and costs time in each frame, so it is left out when training is over.
+Decay pulls features to 0 that photographs don't teach.  Strong decay can do so with whole levels.
+Such a level still takes megabytes of the model's file and time in each frame, so training leaves
+it out at the end.
 
-A level is needed if without it, and all finer ones, the object's pixels change by more, in root
-mean square, than rounding to bytes does.
+The test: draw random training pixels with all levels, then without the finest one, then without
+the finest two, and so on.  A level is needed if leaving it and all finer ones out changes the
+pixels of the object, in root mean square, by more than rounding to bytes does.
 """
 
 from collections.abc import Iterator
@@ -20,12 +21,12 @@ from .run.memory import within_memory
 from .run.training_field import LOOK_RAYS, SMALLEST_LOOK, TrainingField
 
 ROUNDING = 1.0 / (255.0 * 12.0**0.5)  # to bytes, in root mean square: colors are 0 to 1
-SEEN = 1.0 / 255.0  # the least opacity of a pixel of the object
+SEEN = 1.0 / 255.0  # a pixel of the object has a larger opacity
 
 
 @torch.no_grad()
 def needed_levels(field: TrainingField, bank: RayBank) -> int:
-    """How many levels, from the coarsest on, random training pixels need; all if none is seen."""
+    """How many of the coarsest levels random training pixels need; all if none shows the object."""
 
     def count(ray_count):
         batch = next(looks(bank, field.device, ray_count, ray_count))
@@ -33,7 +34,7 @@ def needed_levels(field: TrainingField, bank: RayBank) -> int:
         whole, needed = _shown(field, batch), field.options.level_count
         while needed > 1:
             with _coarsest(field, needed - 1):
-                if not _shows(whole, _shown(field, batch)):
+                if not _equal(whole, _shown(field, batch)):
                     break
             needed -= 1
         return needed
@@ -48,8 +49,8 @@ def _shown(field: TrainingField, batch: Batch) -> tuple[torch.Tensor, torch.Tens
     return color + (1.0 - opacity[:, None]), opacity
 
 
-def _shows(whole, other) -> bool:
-    """Whether the object's pixels are the same to rounding; false if there are none."""
+def _equal(whole, other) -> bool:
+    """Whether the object's pixels are equal up to rounding; false if there are none."""
     seen = torch.maximum(whole[1], other[1]) > SEEN
     squares = (whole[0] - other[0])[seen].square()
     return bool(seen.any()) and float(squares.mean()) <= ROUNDING**2
@@ -57,7 +58,7 @@ def _shows(whole, other) -> bool:
 
 @contextmanager
 def _coarsest(field: TrainingField, count: int) -> Iterator[None]:
-    """Context in which the networks see the coarsest levels alone."""
+    """Context in which the density network ignores all but the coarsest levels."""
     weight = field.networks.density[0].weight
     whole = weight.detach().clone()
     weight[:, count * FEATURES :] = 0.0

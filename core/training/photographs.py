@@ -1,7 +1,4 @@
-"""Corrections for photographs: exposure and blur, if a camera took the images.
-
-`are_photographs` tells.
-"""
+"""Corrections for exposure and blur, made only if a camera took the images (`are_photographs`)."""
 
 import numpy as np
 import warp as wp

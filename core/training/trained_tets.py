@@ -175,7 +175,7 @@ def without_spurs(field: TetField) -> TetField:
     keep = np.ones(mesh.tet_count, bool)
 
     def with_matter(tets):
-        """Parts with matter: their number, and their tets; crumbs that a spur leaves have none."""
+        """How many connected parts of these tets have matter, and the tets of these parts."""
         parts = face_components(neighbours, tets)
         full = np.unique(parts[tets & (counts > 0)])
         return len(full), np.isin(parts, full)

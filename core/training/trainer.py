@@ -159,7 +159,7 @@ class _Run:
         self.start = self.saved = time.perf_counter()
         self.stage = 0  # 1 or 2 once there is a field
         self.field = self.optimization = self.surroundings = self.exposure = self.plates = None
-        self.needless_levels = None  # how many of the finest no image shows, once it is known
+        self.needless_levels = None  # how many of the finest; None until stage 2 is over
         self.memory = [0, 0]  # bytes at most, of each stage
         self.resumable = bool(self.resumed and self.checkpoint_path)
         self.saved_place = None  # stage and step of the last checkpoint that was written
@@ -270,9 +270,9 @@ class _Run:
         """Stage 2; a sentence if a single worker lacks the memory to find what no image shows."""
         self._train_stage(2, mesh, stages.field_options(self.options), self.options.fine_steps)
         try:
-            # Where masks don't tell everywhere, or surroundings are learned, alpha refutes nothing.
-            tells = self.dataset.has_alpha and not self.surroundings and self.plates is None
-            self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT, tells)
+            # With surroundings, or masks that leave pixels open, an alpha of 0 refutes nothing.
+            alpha_tells = self.dataset.has_alpha and not self.surroundings and self.plates is None
+            self._hide_unseen(FINE_LOOK, UNSEEN_WEIGHT, alpha_tells)
             levels = self.field.options.level_count
             self.needless_levels = levels - needed_levels(self.field, self.bank)
         except ALLOCATION_ERRORS as error:

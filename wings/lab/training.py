@@ -83,7 +83,7 @@ def section(field: TetField) -> Section:
             said = f"stage 2 began {choice} {name}, which gave {gain:+.2f} dB in a trial"
             findings.append(_sentence([said]))
     if out := meta.get("levels_left_out"):
-        findings.append(f"Fine levels that are left out, as no image shows them: {out}.")
+        findings.append(f"Finest levels left out, because no image shows them: {out}.")
     findings += _sector(scored)
     if meta.get("interrupted"):
         findings.append("The run was interrupted: the history ends there.")

@@ -274,9 +274,10 @@ class TrainingField:
 
         Args:
             looks: Given a number of rays, batches of at most as many; see batch.looks.
-            with_refuted: Mask tets, too, whose matter the images' alpha refutes.  A pixel refutes
-                samples of more than twice the weight that its alpha is, and a tet is refuted if
-                they have most of its weight.  So fog goes that is seen beside the object.
+            with_refuted: Mask whole tets, too, if images with alpha refute their matter.  A pixel
+                refutes a sample whose weight is more than twice the pixel's alpha.  A tet goes if
+                refuted samples have more than half of the weight of its samples, as fog does that
+                cameras see beside the object.
         """
 
         def weigh(ray_count):
@@ -287,18 +288,11 @@ class TrainingField:
                 batch.seed.fill_(seed)
                 self.march(batch)
                 samples, weights = batch.samples, wp.from_torch(self.composite(batch).weights)
-                self._launch(
-                    mark_seen_kernel,
-                    len(weights),
-                    [samples.tet, samples.bary, weights],
-                    [seen],
-                )
-                self._launch(
-                    weigh_matter_kernel,
-                    batch.ray_count,
-                    [batch.counts, batch.ends, batch.drawn.rgba, samples.tet, weights],
-                    [matter, refuted],
-                )
+                places = [samples.tet, samples.bary, weights]
+                self._launch(mark_seen_kernel, len(weights), places, [seen])
+                if with_refuted:
+                    rays = [batch.counts, batch.ends, batch.drawn.rgba, samples.tet, weights]
+                    self._launch(weigh_matter_kernel, batch.ray_count, rays, [matter, refuted])
             return seen, matter, refuted
 
         seen, matter, refuted = within_memory(
@@ -314,8 +308,9 @@ class TrainingField:
             self.hidden |= self._outside
         self._occupy(self.occupied & ~self.hidden)
 
-    def _launch(self, kernel, dim, inputs, sums):
-        outputs = [wp.from_torch(each) for each in sums]
+    def _launch(self, kernel, dim, inputs, outputs):
+        """Launch a kernel whose outputs are torch tensors."""
+        outputs = [wp.from_torch(each) for each in outputs]
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=outputs, device=self.device)
 
     def _occupy(self, subtets):

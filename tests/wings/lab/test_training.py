@@ -131,7 +131,7 @@ def test_what_a_trial_chose_is_told_with_what_it_was_worth(trained, gain, began)
     assert told[2:5] == [
         said,
         "Stage 2 began without strong decay, which gave -0.20 dB in a trial.",
-        "Fine levels that are left out, as no image shows them: 2.",
+        "Finest levels left out, because no image shows them: 2.",
     ]
 
 
